@@ -1,11 +1,13 @@
 """Threads that work together: on a GPU a block of them shares fast memory, on the CPU a block is one thread.
 
-Kernels written with these functions run on both: a loop ``range(lane, n, lanes)`` spreads over a block's lanes.
+Kernels written with these functions run on both: a loop ``range(lane, n, lanes)`` spreads over a block's lanes. On the
+CPU threads share the candidates of an evaluation instead, a launch of a ``Batch`` each.
 """
 
 import warp as wp
 
 from mmocap_warp.kernels.native import native_sections
+from mmocap_warp.kernels.structs import filled
 
 wp.set_module_options({"enable_backward": False})
 
@@ -121,3 +123,26 @@ def lane_layout(lane: int, lanes: int, columns: int) -> LaneLayout:
     layout.row = lane // layout.column_step
     layout.column = wp.where(layout.row < layout.row_step, lane - layout.row * layout.column_step, columns)
     return layout
+
+
+@wp.struct
+class Batch:
+    """Candidates ``first .. first + size - 1`` of the ``total`` that are evaluated, and what their launch works in."""
+
+    first: int
+    size: int
+    total: int
+    scratch: wp.array[wp.uint32]  # see :func:`scratch`
+
+
+def batch_of(first: int, end: int, total: int, device: wp.DeviceLike) -> Batch:
+    """Candidates ``first .. end - 1`` of ``total``, for a thread of their own."""
+    return filled(Batch, first=first, size=end - first, total=total, scratch=scratch(device))
+
+
+@wp.func
+def run_of(c: int, batch: Batch, runs: int) -> int:
+    """The run of a candidate, where ``runs`` share all candidates evenly, one after the other; -1 if there are none."""
+    if runs == 0:
+        return -1
+    return wp.min(c // wp.max(batch.total // runs, 1), runs - 1)

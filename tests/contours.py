@@ -15,7 +15,7 @@ from mmocap_warp.body.posing import make_body_arrays
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fields import DistanceFields
 from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
-from mmocap_warp.kernels.batch import Batch, batch_of
+from mmocap_warp.kernels.block import Batch, batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
 from mmocap_warp.kernels.contour.moving import Moving
@@ -24,7 +24,7 @@ from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_cont
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.masks.view_arrays import make_views
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 MATCHING = asdict(MatchingConfig())
@@ -133,7 +133,7 @@ class Contours:
         )
         self.fields = DistanceFields(self.rig, 1, n, device)
         self.moving = moving_skin(self.late, self.fields.struct.frame, n, vertices, device)
-        self.views = ViewArrays(self.rig, device).struct
+        self.views = make_views(self.rig, device)
 
     @property
     def batch(self) -> Batch:

@@ -9,10 +9,10 @@ from poisoned import poisoned
 
 from mmocap_warp.body.model import SkinMesh
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.kernels.batch import Batch, batch_of
+from mmocap_warp.kernels.block import Batch, batch_of
 from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
 from mmocap_warp.masks.observation import pack_masks, unpack_masks
-from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.masks.view_arrays import make_views
 from mmocap_warp.silhouettes.silhouettes import Silhouettes
 
 
@@ -55,9 +55,9 @@ def draw_bits(mesh: SkinMesh, rig: CameraRig, posed: wp.array) -> np.ndarray:
 def cast_bits(faces: np.ndarray, rig: CameraRig, posed: wp.array) -> np.ndarray:
     """(candidate, camera, row, word) uint32, by one ray a pixel."""
     device = str(posed.device)
-    views = ViewArrays(rig, device)
+    views = make_views(rig, device)
     bits = poisoned((posed.shape[0], *views.observed.shape), wp.uint32, device)
-    cast_pixels(posed, wp.array(faces, dtype=wp.vec3i, device=device), views.struct, bits)
+    cast_pixels(posed, wp.array(faces, dtype=wp.vec3i, device=device), views, bits)
     return bits.numpy()
 
 

@@ -9,6 +9,13 @@ from poisoned import SENTINEL
 from mmocap_warp.kernels.optimizers.populations import make_space
 
 
+def keep_best(x, cost, best, best_cost):
+    """Let each run's ``best`` (run, dof) be replaced by a strictly better candidate; the first of equals wins."""
+    for run, winner in enumerate(cost.argmin(axis=1)):
+        if cost[run, winner] < best_cost[run]:
+            best[run], best_cost[run] = x[run, winner], cost[run, winner]
+
+
 class Search:
     """A search by ``kind``; every other column of a wider pose vector is searched, the others are NaN.
 
@@ -35,6 +42,8 @@ class Search:
         return {name: value for name, value in vars(self.optimizer.state).items() if isinstance(value, wp.array)}
 
     def restart(self):
+        self.best = self.start.astype(float)
+        self.best_cost = np.full(len(self.start), np.inf)
         pose = np.full((len(self.start), 2 * len(self.index)), np.nan, np.float32)
         pose[:, self.index] = self.start
         self.optimizer.start(wp.array(pose, device=self.counter.device))
@@ -51,21 +60,23 @@ class Search:
         x = self.ask()
         cost = function(x).astype(np.float32)
         self.tell(cost)
+        keep_best(x, cost, self.best, self.best_cost)
         return x, cost
 
     def run(self, function):
         """Spend the budget; returns the lowest cost that each run met, (run,)."""
-        best = np.full(len(self.start), np.inf)
         for particles in self.optimizer.plan(self.evaluations):
             x = self.ask(particles)[:, :particles]
             cost = function(x)
-            best = np.minimum(best, cost.min(axis=1))
+            keep_best(x, cost, self.best, self.best_cost)
             if particles == self.optimizer.particles:
                 self.tell(cost)
-        return best
+        return self.best_cost
 
     def estimate(self):
-        """(run, dof)."""
+        """The answer that users get, (run, dof): the best candidate since the start, or the optimizer's own."""
+        if self.optimizer.returns_best:
+            return self.best.copy()
         pose = wp.zeros((len(self.start), 2 * len(self.index)), dtype=wp.float32, device=self.counter.device)
         self.optimizer.estimate(pose)
         return pose.numpy()[:, self.index].astype(float)

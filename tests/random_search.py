@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, make_population, random_stream, scatter
-from mmocap_warp.optimizers.protocol import whole_generations
+from mmocap_warp.optimizers.search import Optimizer
 from mmocap_warp.tracking.algorithms import ALGORITHMS, Algorithm
 
 
@@ -70,6 +70,7 @@ class RandomSearch:
 
     returns_best = True
     memory = ()
+    plan = Optimizer.plan
 
     def __init__(self, space, evaluations, config=None):
         self.space = space
@@ -81,9 +82,6 @@ class RandomSearch:
         self.state.center = wp.zeros((runs, dofs), dtype=wp.float32, device=self._device)
         self.state.lowest = wp.zeros(runs, dtype=wp.float32, device=self._device)
         self.state.step = wp.zeros(runs, dtype=wp.float32, device=self._device)
-
-    def plan(self, evaluations):
-        return whole_generations(evaluations, self.particles)
 
     def start(self, pose):
         wp.launch(_start, len(self.space.seed), inputs=[self.space, pose, self.state], device=self._device)

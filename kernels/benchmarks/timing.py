@@ -1,4 +1,7 @@
-"""Timing work on a device: things to be compared take turns, so that a busy machine slows all of them alike."""
+"""Timing work on a device, and the check of its answer; what comes out is ready for JSON.
+
+Things to be compared take turns, so that a busy machine slows all of them alike.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -115,3 +119,74 @@ def _graph(work: Work, device: str) -> Work:
         work()
     wp.capture_launch(capture.graph)  # the first launch uploads it
     return partial(wp.capture_launch, capture.graph)
+
+
+@dataclass(frozen=True)
+class Check:
+    """Whether an answer is right.
+
+    Attributes:
+        what: what was compared, and how far apart it is.
+        ok: whether that is near enough.
+    """
+
+    what: str
+    ok: bool
+
+
+@dataclass(frozen=True)
+class Case:
+    """A work to time.
+
+    Attributes:
+        group: the table that it stands in.
+        name: its line.
+        sizes: what the time depends on, such as ``candidates`` or ``renderer``.
+        work: it.
+        check: looks at what the work left behind.
+        evaluations: of the objective in a call; 0 where it evaluates none.
+        captured: whether a graph of it can be captured.
+    """
+
+    group: str
+    name: str
+    sizes: dict[str, Any]
+    work: Work
+    check: Callable[[], Check]
+    evaluations: int = 0
+    captured: bool = True
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """How long a call of a case takes [s]; see :class:`Timing`."""
+
+    group: str
+    name: str
+    sizes: dict[str, Any]
+    evaluations: int
+    median: float
+    quartiles: tuple[float, float]
+    lowest: float
+    processor: float
+    launched: float | None
+    compiling: float
+    rounds: int
+    check: str
+    ok: bool
+
+    @classmethod
+    def of(cls, case: Case, timing: Timing) -> Measurement:
+        """Check the answer of a case that was timed."""
+        check = case.check()
+        facts = {name: getattr(case, name) for name in ("group", "name", "sizes", "evaluations")}
+        times = ("median", "quartiles", "lowest", "processor", "launched", "compiling")
+        facts |= {name: getattr(timing, name) for name in times}
+        return cls(rounds=len(timing.samples), check=check.what, ok=bool(check.ok), **facts)  # NumPy's bool is no JSON
+
+
+def measure(cases: Sequence[Case], device: str, seconds: float | None = None) -> list[Measurement]:
+    """Time cases in turns, then check their answers."""
+    captured = all(case.captured for case in cases)
+    timings = time_together([case.work for case in cases], device, captured=captured, seconds=seconds)
+    return [Measurement.of(case, timing) for case, timing in zip(cases, timings, strict=True)]

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.block import Batch
 
 wp.set_module_options({"enable_backward": False})
 

@@ -2,8 +2,7 @@
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch, run_of
-from mmocap_warp.kernels.block import lanes_of, sync, sync_warp
+from mmocap_warp.kernels.block import Batch, lanes_of, run_of, sync, sync_warp
 from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints, chain_joint, turn_joint
 
 wp.set_module_options({"enable_backward": False})

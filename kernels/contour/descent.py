@@ -12,8 +12,17 @@ import math
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import WORDS, LaneLayout, lane_layout, lanes_of, matrix_at, shared_words, sync, sync_warp
+from mmocap_warp.kernels.block import (
+    WORDS,
+    Batch,
+    LaneLayout,
+    lane_layout,
+    lanes_of,
+    matrix_at,
+    shared_words,
+    sync,
+    sync_warp,
+)
 from mmocap_warp.kernels.contour.normal_equations import Sums
 from mmocap_warp.kernels.native import native_sections
 

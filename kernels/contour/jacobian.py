@@ -19,8 +19,7 @@ its masks, which may be larger all around than what they show.
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, blocks_of, lanes_of
+from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, Batch, blocks_of, lanes_of
 from mmocap_warp.kernels.body.kinematics import Body, Joints, rotation_of, translation_of
 from mmocap_warp.kernels.contour.outline import Outline
 from mmocap_warp.kernels.contour.residuals import Residuals

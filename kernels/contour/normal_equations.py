@@ -9,8 +9,7 @@ import math
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of, matrix_at, shared_words, sync
+from mmocap_warp.kernels.block import CPU_FLAGS, Batch, lanes_of, matrix_at, shared_words, sync
 from mmocap_warp.kernels.contour.jacobian import Rows
 from mmocap_warp.kernels.contour.outline import Outline
 from mmocap_warp.kernels.contour.residuals import Residuals

@@ -18,8 +18,7 @@ the contours of its band.
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of, shared_numbers, shared_words, sync
+from mmocap_warp.kernels.block import CPU_FLAGS, Batch, lanes_of, shared_numbers, shared_words, sync
 from mmocap_warp.kernels.contour.moving import Moving, seen_at
 from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, into_camera, pinhole

@@ -8,8 +8,7 @@ small and large images mean the same.
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, lanes_of
+from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, Batch, lanes_of
 from mmocap_warp.kernels.contour.outline import Outline, is_outline
 from mmocap_warp.kernels.views.projection import Views
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import warp as wp
 
-from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, random_stream, scatter
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, random_stream
 from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
@@ -350,8 +350,3 @@ def select(state: AnnealedFilterState) -> None:
     device = state.parent.device
     wp.launch(_choose_parents, state.parent.shape, [], [state], device=device)
     wp.launch(_copy_parents, state.center.shape, [], [state], device=device)
-
-
-def write_mean(space: SearchSpace, state: AnnealedFilterState, pose: wp.array[wp.float32]) -> None:
-    """Write the weighted mean of the last layer: ``pose[:, index] = mean``."""
-    scatter(state.mean, space.index, pose)

@@ -4,24 +4,58 @@ Candidates are normal, ``x = m + sigma B D z``, in units of the search's radius:
 
     z ~ N(0, I)  --D-->  stretched along the coordinates  --B-->  rotated: N(0, C) with C = B D^2 B^T
 
-Only B and D are kept. This module has what a generation hands to the next, and the sampling; ``cma_es_learning`` has
-what is learnt from the costs.
+Only B and D are kept. This module has what a generation hands to the next, what a run's lanes share while they learn,
+and the sampling; ``cma_es_learning`` has what is learnt from the costs.
 """
 
 from typing import Any
 
 import warp as wp
 
-from mmocap_warp.kernels.block import lane_layout, lanes_of, sync
+from mmocap_warp.kernels.block import WORDS, lane_layout, lanes_of, matrix_at, sync
 from mmocap_warp.kernels.native import native_sections
-from mmocap_warp.kernels.optimizers.cma_es_workspace import has_room, workspace_words
-from mmocap_warp.kernels.optimizers.eigen import Tournament, make_tournament
-from mmocap_warp.kernels.optimizers.populations import SearchSpace, random_stream, scatter
+from mmocap_warp.kernels.optimizers.eigen import Spectrum, Tournament, make_tournament, spectrum_at, spectrum_words
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, random_stream
 from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
 _native = native_sections(__file__)
+
+
+@wp.struct
+class Workspace:
+    """What a run's lanes share while they learn."""
+
+    spectrum: Spectrum  # C in the coordinates of the last eigenvectors
+    mean_z: wp.array2d[wp.float32]  # (1, dof) of the parents
+    step: wp.array2d[wp.float32]  # (1, dof) (m' - m) / sigma, without the radius
+    path: wp.array2d[wp.float32]  # (1, dof) p_sigma, then p_c
+    path_along: wp.array2d[wp.float32]  # (1, dof) B^T p_c: along each eigenvector
+
+
+@wp.func
+def workspace_words(dofs: int) -> int:
+    """32-bit words of a workspace."""
+    return spectrum_words(dofs) + 4 * dofs
+
+
+@wp.func
+def workspace_at(words: wp.array[wp.uint32], dofs: int) -> Workspace:
+    """The workspace in the first of some words."""
+    first = spectrum_words(dofs)
+    work = Workspace()
+    work.spectrum = spectrum_at(words, dofs)
+    work.mean_z = matrix_at(words, first, 1, dofs)
+    work.step = matrix_at(words, first + dofs, 1, dofs)
+    work.path = matrix_at(words, first + 2 * dofs, 1, dofs)
+    work.path_along = matrix_at(words, first + 3 * dofs, 1, dofs)
+    return work
+
+
+def has_room(dofs: int, device: wp.Device) -> bool:
+    """Whether a run's workspace fits into a block's shared memory."""
+    return device.is_cuda and workspace_words(dofs) <= WORDS
 
 
 @wp.struct
@@ -142,8 +176,3 @@ def sample(space: SearchSpace, particles: int, state: CmaEsState) -> None:
     wp.launch(
         _sample, (state.sigma.shape[0], lanes), [particles, lanes], [space, state], block_dim=lanes, device=device
     )
-
-
-def write_mean(space: SearchSpace, state: CmaEsState, pose: wp.array[wp.float32]) -> None:
-    """Write the mean of the search distribution: ``pose[:, index] = mean``."""
-    scatter(state.mean, space.index, pose)

@@ -17,8 +17,7 @@ import warp as wp
 
 from mmocap_warp.kernels.block import lane_layout, lanes_of, shared_words, sync
 from mmocap_warp.kernels.native import native_sections
-from mmocap_warp.kernels.optimizers.cma_es import CmaEsState
-from mmocap_warp.kernels.optimizers.cma_es_workspace import Workspace, has_room, workspace_at
+from mmocap_warp.kernels.optimizers.cma_es import CmaEsState, Workspace, has_room, workspace_at
 from mmocap_warp.kernels.optimizers.eigen import MOST_LANES, Spectrum, diagonalize, lanes_worth
 from mmocap_warp.kernels.optimizers.populations import SearchSpace
 

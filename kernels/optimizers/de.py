@@ -309,19 +309,3 @@ def select(cost: wp.array[wp.float32], state: DeState) -> None:
     members, device = state.order.shape, cost.device
     wp.launch(_select, members, [cost], [state], device=device)
     wp.launch(_rank, members, [], [state], device=device)
-
-
-@wp.kernel
-def _write_best(
-    space: SearchSpace,
-    state: DeState,
-    # out
-    pose: wp.array2d[wp.float32],  # (run, coordinate)
-) -> None:
-    run, i = wp.tid()
-    pose[run, space.index[i]] = state.member[run, state.order[run, 0], i]
-
-
-def write_best(space: SearchSpace, state: DeState, pose: wp.array[wp.float32]) -> None:
-    """Write the best member's coordinates: ``pose[:, index] = member[:, order[:, 0]]``."""
-    wp.launch(_write_best, state.center.shape, [space, state], [pose], device=pose.device)

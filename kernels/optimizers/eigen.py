@@ -25,11 +25,14 @@ finds those of the next round meanwhile: it rotates the few elements they depend
 other once a round.
 """
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.block import matrix_at
 from mmocap_warp.kernels.native import native_sections
+from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
@@ -104,7 +107,7 @@ def spectrum_at(words: wp.array[wp.uint32], dofs: int) -> Spectrum:
     return spectrum
 
 
-def make_tournament(dofs: int, device: wp.DeviceLike) -> Tournament:
+def make_tournament(dofs: int, device: wp.DeviceLike) -> Any:
     """The tables of a tournament of ``dofs`` coordinates.
 
     A CPU has, in rows over the pairs, two diagonal elements, the one between, and four rows for each distance of pairs.
@@ -131,10 +134,7 @@ def make_tournament(dofs: int, device: wp.DeviceLike) -> Tournament:
     came_from = sat_at[_seated(n, 0)]
     moved = np.zeros(places(dofs), np.int32)
     moved[seat] = seat[np.ix_(came_from, came_from)]
-    tournament = Tournament()
-    tournament.start = wp.array(seat[np.ix_(sat_at, sat_at)], dtype=wp.int32, device=device)
-    tournament.moved = wp.array(moved, dtype=wp.int32, device=device)
-    return tournament
+    return allocated(Tournament, device, start=seat[np.ix_(sat_at, sat_at)], moved=moved)
 
 
 def _seated(players: int, round: int) -> np.ndarray:

@@ -158,20 +158,3 @@ def _move(
 def move(space: SearchSpace, parameters: PsoParameters, state: PsoState) -> None:
     """Fly on: ``v = w v + phi_1 r_1 (p - x) + phi_2 r_2 (b - x)`` within its limit, ``x = x + v``."""
     wp.launch(_move, state.x.shape, [space, parameters], [state], device=space.seed.device)
-
-
-@wp.kernel
-def _write_best(
-    space: SearchSpace,
-    state: PsoState,
-    # out
-    pose: wp.array2d[wp.float32],  # (run, coordinate)
-) -> None:
-    run, i = wp.tid()
-    pose[run, space.index[i]] = state.own_best[run, state.leader[run], i]
-
-
-def write_best(space: SearchSpace, state: PsoState, pose: wp.array[wp.float32]) -> None:
-    """Write the swarm's best position: ``pose[:, index] = b``."""
-    runs, dofs = state.leader.shape[0], space.index.shape[0]
-    wp.launch(_write_best, (runs, dofs), [space, state], [pose], device=pose.device)

@@ -15,13 +15,11 @@ up to 127 layers. The tie rule (``coverage.py``) makes the sums exact.
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch, run_of
-from mmocap_warp.kernels.block import CPU_FLAGS, LANES, WORDS, blocks_of, lanes_of, shared_words, sync
+from mmocap_warp.kernels.block import CPU_FLAGS, LANES, WORDS, Batch, blocks_of, lanes_of, run_of, shared_words, sync
 from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.silhouettes.counting import Bounds, Canvas, Frozen, add_up, count_word, is_cut, project_piece
 from mmocap_warp.kernels.silhouettes.coverage import crossing, edge, faces_camera, first_after, last_before, word_bits
-from mmocap_warp.kernels.views.near_plane import clip, corner
-from mmocap_warp.kernels.views.projection import Pinhole, Views, pinhole
+from mmocap_warp.kernels.views.projection import Pinhole, Views, clip, corner, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 

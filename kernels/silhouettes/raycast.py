@@ -25,8 +25,7 @@ A GPU's threads would each go their own way through such a tree: ``raycast_wide.
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch, run_of
-from mmocap_warp.kernels.block import CPU_FLAGS, shared_words
+from mmocap_warp.kernels.block import CPU_FLAGS, Batch, run_of, shared_words
 from mmocap_warp.kernels.silhouettes.counting import (
     Canvas,
     Frozen,
@@ -37,8 +36,7 @@ from mmocap_warp.kernels.silhouettes.counting import (
     project_piece,
 )
 from mmocap_warp.kernels.silhouettes.coverage import drop, faces_camera, last_before, row_span, word_bits
-from mmocap_warp.kernels.views.near_plane import clip, corner
-from mmocap_warp.kernels.views.projection import Pinhole, Views, is_behind, pinhole
+from mmocap_warp.kernels.views.projection import Pinhole, Views, clip, corner, is_behind, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
@@ -51,7 +49,7 @@ _EMPTY_HIGH = wp.constant(-(2**29))
 
 @wp.struct
 class Tree:
-    """A piece of a mesh, its triangles in a BVH; see :class:`mmocap_warp.silhouettes.renderers.Bvh`."""
+    """A piece of a mesh, its triangles in a BVH; see :func:`mmocap_warp.silhouettes.silhouettes.build_bvh`."""
 
     vertex: wp.array[wp.int32]  # (vertex of the piece,)
     node: wp.array[wp.vec3i]  # (node,)

@@ -16,8 +16,7 @@ block take tile after tile of a view; where there are few views, several blocks 
 
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch, run_of
-from mmocap_warp.kernels.block import LANES, blocks_of, shared_words, sync, sync_warp, warp_max
+from mmocap_warp.kernels.block import LANES, Batch, blocks_of, run_of, shared_words, sync, sync_warp, warp_max
 from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.silhouettes.counting import (
     Canvas,
@@ -29,8 +28,7 @@ from mmocap_warp.kernels.silhouettes.counting import (
     project_piece,
 )
 from mmocap_warp.kernels.silhouettes.coverage import drop, faces_camera, first_after, last_before, row_span, word_bits
-from mmocap_warp.kernels.views.near_plane import clip, corner
-from mmocap_warp.kernels.views.projection import Pinhole, Views, is_behind, pinhole
+from mmocap_warp.kernels.views.projection import Pinhole, Views, clip, corner, is_behind, pinhole
 
 wp.set_module_options({"enable_backward": False})
 

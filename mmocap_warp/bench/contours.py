@@ -10,7 +10,7 @@ import numpy as np
 
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.contour.frame.fitter import ContourFitter
-from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.kernels.benchmarks.timing import Case, Check
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.track_config import TrackConfig
 

@@ -10,11 +10,11 @@ import warp as wp
 
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.body.posing import make_body_arrays, make_joint_arrays
-from mmocap_warp.kernels.batch import batch_of
-from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.kernels.benchmarks.timing import Case, Check
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
-from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.masks.view_arrays import make_views
 from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.silhouettes.silhouettes import Silhouettes
@@ -111,7 +111,7 @@ def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
 
 def _cost(load: Workload, count: wp.array, device: str) -> Case:
     candidates = count.shape[0]
-    views = ViewArrays(load.rig, device)
+    views = make_views(load.rig, device)
     views.foreground.assign(load.observation.foreground.astype(np.int32))
     pose = wp.zeros((candidates, load.body.skeleton.coordinates), dtype=wp.float32, device=device)
     prior = wp.zeros(pose.shape[1], dtype=wp.float32, device=device)
@@ -125,7 +125,7 @@ def _cost(load: Workload, count: wp.array, device: str) -> Case:
         apart = float(np.abs(cost.numpy() - expected).max())
         return Check(f"within {apart:.0e} of double precision", apart <= COST_APART)
 
-    work = partial(cost_of_counts, PAPER, views.struct, count, pose, prior, batch, cost)
+    work = partial(cost_of_counts, PAPER, views, count, pose, prior, batch, cost)
     return Case(KERNELS, "cost", {"candidates": candidates, "cameras": count.shape[1]}, work, check, candidates)
 
 

@@ -14,7 +14,7 @@ from mmocap_warp.bench.evaluations import evaluations
 from mmocap_warp.bench.searches import same_frames
 from mmocap_warp.bench.workload import SIZE, Workload, workload
 from mmocap_warp.display.chart import Axis, axes, curve, decades, dots, names_of_curves, picture
-from mmocap_warp.kernels.benchmarks.case import Case
+from mmocap_warp.kernels.benchmarks.timing import Case
 
 Report = dict[str, Any]
 """What ``suite.run_suite`` returns."""

@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.bench.searches import minimises_sphere
-from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.kernels.benchmarks.timing import Case, Check
 from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig, CmaEsParameters
 

@@ -16,7 +16,7 @@ import numpy as np
 from mmocap_warp.bench.evaluations import evaluations
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.kernels.benchmarks.timing import Case, Check
 from mmocap_warp.masks.observation import unpack_masks
 
 PEER = "peers"

@@ -12,11 +12,9 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.bench.workload import Workload
-from mmocap_warp.kernels.benchmarks.case import Case, Check, Measurement
-from mmocap_warp.kernels.benchmarks.timing import Timing, time_together
+from mmocap_warp.kernels.benchmarks.timing import Case, Check, Measurement, Timing, time_together
 from mmocap_warp.kernels.optimizers.populations import make_space
-from mmocap_warp.optimizers.protocol import Optimizer
-from mmocap_warp.optimizers.search import Search
+from mmocap_warp.optimizers.search import Optimizer, Search
 from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.pose_search import Part, hierarchical, holistic

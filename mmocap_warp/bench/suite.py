@@ -22,7 +22,7 @@ from mmocap_warp.bench.peers import peers
 from mmocap_warp.bench.report_file import FORMAT
 from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
 from mmocap_warp.bench.workload import Workload, workload
-from mmocap_warp.kernels.benchmarks.case import Case, Measurement, measure
+from mmocap_warp.kernels.benchmarks.timing import Case, Measurement, measure
 from mmocap_warp.versions import package_versions, versions
 
 PEERS: dict[str, tuple[str, str]] = {

@@ -93,23 +93,22 @@ def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
         pose: (frame, coordinate).
         model: its number of degrees of freedom; the default one where omitted.
     """
-    angles: dict[str, dict[str, np.ndarray]] = {}
-    for number in skeleton.searched_angles(model):
-        joint, axis = divmod(int(number) - TRANSLATION, 3)
-        angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _unwrap_degrees(pose[:, number])
-    return angles
+    angles = _by_joint(skeleton, skeleton.searched_angles(model), pose)
+    return {joint: {axis: _unwrap_degrees(each) for axis, each in own.items()} for joint, own in angles.items()}
 
 
 def own_shifts(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
-    """The shift of each joint that slides, by axis of its frame: each (frame,) [m], from the bind pose.
+    """As :func:`own_angles`, the shift from the bind pose of each joint that slides: each (frame,) [m]."""
+    return _by_joint(skeleton, skeleton.searched_shifts(model), pose)
 
-    Those that a model searches, as :func:`own_angles`.
-    """
-    shifts: dict[str, dict[str, np.ndarray]] = {}
-    for number in skeleton.searched_shifts(model):
+
+def _by_joint(skeleton: Skeleton, coordinates: np.ndarray, pose: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+    """Some coordinates of poses, by joint and axis: each (frame,)."""
+    values: dict[str, dict[str, np.ndarray]] = {}
+    for number in coordinates:
         joint, axis = divmod(int(number) - TRANSLATION, 3)
-        shifts.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = pose[:, number]
-    return shifts
+        values.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = pose[:, number]
+    return values
 
 
 def joints_left_out(body: BodyModel) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +44,11 @@ def _cells(row: Row) -> list[str]:
 def tables(measures: Measures) -> dict[str, tuple[list[str], list[Row]]]:
     """Head and rows of each table, by name; a table without known values has no rows."""
     lengths: list[Row] = [(bone, *length) for bone, length in measures.lengths.items()]
+    columns = [_columns(measures, run) for run in measures.runs]
     events = [row for run in measures.runs for row in _events(measures, run)]
     return {
         "lengths": (["bone", "length_m", "sigma_m"], lengths),
-        **{name: _frame_table(measures, columns) for name, columns in _COLUMNS.items()},
+        **{name: _frame_table(measures, [of_run[name] for of_run in columns]) for name in columns[0]},
         "events": (["run", "foot", "event", "frame", "seconds", *_OF_STRIKES], events),
     }
 
@@ -56,54 +57,36 @@ Columns = dict[str, np.ndarray]
 """(frame,) each, by name."""
 
 
-def _frame_table(
-    measures: Measures, columns_of: Callable[[Measures, RunMeasures], Columns]
-) -> tuple[list[str], list[Row]]:
-    head: list[str] = []
+def _frame_table(measures: Measures, columns: list[Columns]) -> tuple[list[str], list[Row]]:
+    """Head and rows of a table of every frame, from the columns of each run."""
     rows: list[Row] = []
     numbers, seconds = measures.result.frame_numbers.tolist(), measures.seconds.tolist()
-    for run in measures.runs:
-        columns = columns_of(measures, run)
-        head = ["run", "frame", "seconds", "status", *columns]
+    for run, of_run in zip(measures.runs, columns, strict=True):
         status = [STATUS[number] for number in measures.result.status[run.run]]
-        for i, values in enumerate(zip(*(column.tolist() for column in columns.values()), strict=True)):
+        for i, values in enumerate(zip(*(column.tolist() for column in of_run.values()), strict=True)):
             rows.append((run.run, numbers[i], seconds[i], status[i], *values))
-    return head, rows
+    return ["run", "frame", "seconds", "status", *columns[0]], rows
 
 
-def _angles(measures: Measures, run: RunMeasures) -> Columns:
-    return {f"{joint}.{name}_deg": angle for joint, angles in run.angles.items() for name, angle in angles.items()}
-
-
-def _shifts(measures: Measures, run: RunMeasures) -> Columns:
-    return {f"{joint}.{axis}_m": shift for joint, own in run.shifts.items() for axis, shift in own.items()}
-
-
-def _joints(measures: Measures, run: RunMeasures) -> Columns:
-    columns = {}
+def _columns(measures: Measures, run: RunMeasures) -> dict[str, Columns]:
+    """The columns of each table of every frame, by the table's name."""
+    joints: Columns = {}
     for number, joint in enumerate(measures.result.subject.body.skeleton.joints):
-        columns |= _axes(f"{joint}.", "_m", run.joints[:, number])
+        joints |= _axes(f"{joint}.", "_m", run.joints[:, number])
         if run.joint_sigma is not None:
-            columns |= _axes(f"{joint}.", "_sigma_m", run.joint_sigma[:, number])
-    return columns
-
-
-def _centre_of_mass(measures: Measures, run: RunMeasures) -> Columns:
-    return {} if run.centre_of_mass is None else _axes("", "_m", run.centre_of_mass)
-
-
-def _contacts(measures: Measures, run: RunMeasures) -> Columns:
-    columns = {}
+            joints |= _axes(f"{joint}.", "_sigma_m", run.joint_sigma[:, number])
+    contacts: Columns = {}
     for side, foot in run.feet.items():
-        columns[f"{side}.on_floor"] = foot.on_floor.astype(int)
-        columns[f"{side}.height_m"] = foot.height
-        columns[f"{side}.speed_m_per_s"] = foot.speed
-    return columns
-
-
-_COLUMNS = {
-    "angles": _angles, "shifts": _shifts, "joints": _joints, "centre_of_mass": _centre_of_mass, "contacts": _contacts,
-}  # fmt: skip
+        contacts[f"{side}.on_floor"] = foot.on_floor.astype(int)
+        contacts[f"{side}.height_m"] = foot.height
+        contacts[f"{side}.speed_m_per_s"] = foot.speed
+    return {
+        "angles": {f"{joint}.{name}_deg": each for joint, own in run.angles.items() for name, each in own.items()},
+        "shifts": {f"{joint}.{axis}_m": each for joint, own in run.shifts.items() for axis, each in own.items()},
+        "joints": joints,
+        "centre_of_mass": {} if run.centre_of_mass is None else _axes("", "_m", run.centre_of_mass),
+        "contacts": contacts,
+    }
 
 
 def _axes(before: str, after: str, places: np.ndarray) -> Columns:

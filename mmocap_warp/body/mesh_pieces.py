@@ -27,15 +27,11 @@ def split_mesh(mesh: SkinMesh, skeleton: Skeleton, index: np.ndarray) -> tuple[M
     """The triangles that coordinates ``index`` move, wholly or at a corner, and those that they leave alone."""
     moved = np.any(skeleton.moved_by(index)[mesh.joint] & (mesh.weight > 0), axis=1)
     moving = moved[mesh.face].any(axis=1)
-    return _piece(mesh.face[moving]), _piece(mesh.face[~moving])
+    return piece_of(mesh.face[moving]), piece_of(mesh.face[~moving])
 
 
-def whole_mesh(mesh: SkinMesh) -> MeshPiece:
-    """All triangles."""
-    return _piece(mesh.face)
-
-
-def _piece(face: np.ndarray) -> MeshPiece:
+def piece_of(face: np.ndarray) -> MeshPiece:
+    """The piece of some triangles (m, 3) of a mesh."""
     return MeshPiece(np.unique(face).astype(np.int32), np.ascontiguousarray(face, np.int32))
 
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import warp as wp
 
-from mmocap_warp.kernels.batch import Batch, batch_of
+from mmocap_warp.kernels.block import Batch, batch_of
 
 
 class SharedWork:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -27,10 +26,9 @@ def learn_background(images: Iterable[np.ndarray], count: int, settings: Foregro
     gaussian = settings.model == "gaussian"
     chosen = set(evenly_spread(count, min(count, _GAUSSIAN_SAMPLES if gaussian else _MIXTURE_SAMPLES)))
     some = (image for i, image in enumerate(images) if i in chosen)
-    return GaussianBackground.learn(some, settings) if gaussian else MixtureBackground.learn(some, settings)
+    return GaussianBackground(some, settings) if gaussian else MixtureBackground(some, settings)
 
 
-@dataclass(frozen=True)
 class GaussianBackground:
     """Independent normal distributions per pixel and channel, as in HumanEva's baseline, learnt robustly.
 
@@ -38,48 +36,35 @@ class GaussianBackground:
     Mahalanobis distance exceeds the threshold, unless it is a shadow: the background's colour, only darker (brightness
     and colour distortion of Horprasert et al. 1999).
 
-    Attributes:
-        mean: (height, width, 3) float32 [gray levels].
-        deviation: (height, width, 3) float32, standard deviation, at least the settings' ``noise``.
-        settings: thresholds.
+    What is learnt is median and median absolute deviation, which a passer-by in a few images does not move.
     """
 
-    mean: np.ndarray
-    deviation: np.ndarray
-    settings: ForegroundSettings
-
-    @classmethod
-    def learn(cls, images: Iterable[np.ndarray], settings: ForegroundSettings) -> GaussianBackground:
-        """Median and median absolute deviation, which a passer-by in a few images does not move."""
+    def __init__(self, images: Iterable[np.ndarray], settings: ForegroundSettings) -> None:
         stack = np.stack(list(images))
         mean, deviation = (np.empty(stack.shape[1:], np.float32) for _ in range(2))
         for row in range(len(mean)):  # a row at a time: the whole in floating point would fill the memory
             mean[row] = np.median(stack[:, row], axis=0)
             deviation[row] = _MAD_TO_SD * np.median(np.abs(stack[:, row] - mean[row]), axis=0)
-        return cls(mean, np.maximum(deviation, np.float32(settings.noise)), settings)
+        self._mean, self._deviation = mean, np.maximum(deviation, np.float32(settings.noise))  # [gray levels]
+        self._settings = settings
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
         """(height, width) bool: the pixels of a BGR image that are not background."""
         seen = image.astype(np.float32)
         step = max(1, int(np.sqrt(seen.shape[0] * seen.shape[1] / _GAIN_PIXELS)))
         some = (slice(None, None, step), slice(None, None, step))
-        background = self.mean * np.median((seen[some] + 1) / (self.mean[some] + 1), axis=(0, 1))
-        far = np.square((seen - background) / self.deviation).sum(axis=-1) > self.settings.threshold**2
+        background = self._mean * np.median((seen[some] + 1) / (self._mean[some] + 1), axis=(0, 1))
+        far = np.square((seen - background) / self._deviation).sum(axis=-1) > self._settings.threshold**2
         brightness = (seen * background).sum(axis=-1) / np.maximum(np.square(background).sum(axis=-1), 1)
-        off_colour = np.square((seen - brightness[..., None] * background) / self.deviation).sum(axis=-1)
-        darker = (brightness > self.settings.shadow_brightness) & (brightness < 1)
-        return far & ~(darker & (off_colour < self.settings.shadow_chroma**2))
+        off_colour = np.square((seen - brightness[..., None] * background) / self._deviation).sum(axis=-1)
+        darker = (brightness > self._settings.shadow_brightness) & (brightness < 1)
+        return far & ~(darker & (off_colour < self._settings.shadow_chroma**2))
 
 
 class MixtureBackground:
-    """OpenCV's MOG2 (Zivkovic 2004) or KNN (Zivkovic and van der Heijden 2006), trained first and then frozen."""
+    """OpenCV's MOG2 (Zivkovic 2004) or KNN (Zivkovic and van der Heijden 2006), frozen once it has seen the images."""
 
-    def __init__(self, subtractor: cv2.BackgroundSubtractor, frozen: float) -> None:
-        self._subtractor, self._frozen = subtractor, frozen
-
-    @classmethod
-    def learn(cls, images: Iterable[np.ndarray], settings: ForegroundSettings) -> MixtureBackground:
-        """Show every image in order; the last one again if they are few."""
+    def __init__(self, images: Iterable[np.ndarray], settings: ForegroundSettings) -> None:
         subtractor: cv2.BackgroundSubtractor
         if settings.model == "mog2":
             subtractor = cv2.createBackgroundSubtractorMOG2(history=_MIXTURE_SAMPLES, detectShadows=True)
@@ -92,7 +77,7 @@ class MixtureBackground:
             shown += 1
         for _ in range(shown, _MIXTURE_LEAST):
             subtractor.apply(image)
-        return cls(subtractor, _FROZEN[settings.model])
+        self._subtractor, self._frozen = subtractor, _FROZEN[settings.model]
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
         """As of :class:`GaussianBackground`; shadows, which OpenCV marks with 127, are background."""

@@ -2,40 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-import warp as wp
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.kernels import block
-from mmocap_warp.kernels.structs import filled
+from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.kernels.views.projection import Views
 from mmocap_warp.masks.observation import words_per_row
 
 
-class ViewArrays:
-    """A rig and its masks, empty at first, as Warp arrays, and the ``struct`` of them that kernels take.
+def make_views(rig: CameraRig, device: str) -> Any:
+    """A rig and its masks, empty at first, in the struct that kernels take.
 
     Raises:
         ValueError: images so wide that a block cannot hold a row.
     """
+    rows, words = int(rig.size[:, 1].max()), words_per_row(int(rig.size[:, 0].max()))
+    if 8 * words >= block.WORDS:
+        raise ValueError(f"images must be narrower than {4 * block.WORDS} px, got {rig.size[:, 0].max()}")
+    cameras = {"rotation": rig.R, "translation": rig.t, "lens": _lens(rig), "size": rig.size.astype(np.int32)}
+    return allocated(Views, device, **cameras, observed=(len(rig), rows, words), foreground=len(rig))
 
-    def __init__(self, rig: CameraRig, device: str) -> None:
-        rows, words = int(rig.size[:, 1].max()), words_per_row(int(rig.size[:, 0].max()))
-        if 8 * words >= block.WORDS:
-            raise ValueError(f"images must be narrower than {4 * block.WORDS} px, got {rig.size[:, 0].max()}")
-        self.rotation = wp.array(rig.R, dtype=wp.mat33, device=device)
-        self.translation = wp.array(rig.t, dtype=wp.vec3, device=device)
-        self.lens = wp.array(_lens(rig), dtype=wp.vec4, device=device)
-        self.size = wp.array(rig.size.astype(np.int32), dtype=wp.vec2i, device=device)
-        self.observed = wp.zeros((len(rig), rows, words), dtype=wp.uint32, device=device)
-        self.foreground = wp.zeros(len(rig), dtype=wp.int32, device=device)
-        self.struct = filled(Views, **vars(self))
 
-    def assign(self, rig: CameraRig) -> None:
-        """Take other cameras, of the same sizes."""
-        self.rotation.assign(rig.R)
-        self.translation.assign(rig.t)
-        self.lens.assign(_lens(rig))
+def assign_cameras(views: Any, rig: CameraRig) -> None:
+    """Let views have other cameras, of the same sizes."""
+    views.rotation.assign(rig.R)
+    views.translation.assign(rig.t)
+    views.lens.assign(_lens(rig))
 
 
 def _lens(rig: CameraRig) -> np.ndarray:

@@ -13,8 +13,8 @@ from typing import Any
 import warp as wp
 
 from mmocap_warp.kernels.optimizers import annealed_filter as kernels
-from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
-from mmocap_warp.optimizers.protocol import share_budget
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population, scatter
+from mmocap_warp.optimizers.search import Optimizer, share_budget
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class AnnealedFilterConfig:
             raise ValueError(f"diffusion must be finite and not negative, got {self.diffusion}")
 
 
-class AnnealedFilter:
+class AnnealedFilter(Optimizer):
     """The annealed particle filter over a batch of runs; all state lives on the device.
 
     There is one set of particles, each a point in all coordinates, and a search makes its set from the last search's.
@@ -87,7 +87,7 @@ class AnnealedFilter:
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
         self._set: tuple[Any, ...] = (self.state.selected, self.state.mean)
-        self.memory: tuple[Any, ...] = self._set if self.config.carries else ()
+        self.memory = self._set if self.config.carries else ()
         self.plan(evaluations)
 
     def plan(self, evaluations: int) -> list[int]:
@@ -119,4 +119,4 @@ class AnnealedFilter:
 
     def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the weighted mean of the last layer."""
-        kernels.write_mean(self.space, self.state, pose)
+        scatter(self.state.mean, self.space.index, pose)

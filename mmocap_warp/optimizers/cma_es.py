@@ -13,7 +13,7 @@ from mmocap_warp.kernels.optimizers import cma_es as kernels
 from mmocap_warp.kernels.optimizers import cma_es_learning as learning
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
 from mmocap_warp.kernels.structs import allocated
-from mmocap_warp.optimizers.protocol import whole_generations
+from mmocap_warp.optimizers.search import Optimizer
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class CmaEsParameters:
         return cls(dofs, lam, mu, weights, mu_eff, c_sigma, d_sigma, 4 / (dofs + 4), c_cov, mu_cov)
 
 
-class CmaEs:
+class CmaEs(Optimizer):
     """CMA-ES over a batch of runs; all state lives on the device.
 
     ``start`` begins a search, then ``ask`` fills ``population`` (run, particle, dof) and ``tell`` learns from its
@@ -79,9 +79,6 @@ class CmaEs:
         config: settings.
     """
 
-    returns_best = True
-    memory = ()
-
     def __init__(self, space: SearchSpace, evaluations: int, config: CmaEsConfig | None = None) -> None:
         self.config = config or CmaEsConfig()
         self.space = space
@@ -90,10 +87,6 @@ class CmaEs:
         self._device_parameters = _device_parameters(self.parameters, space.seed.device)
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
-
-    def plan(self, evaluations: int) -> list[int]:
-        """Whole generations, the last one cut."""
-        return whole_generations(evaluations, self.particles)
 
     def start(self, pose: wp.array[wp.float32]) -> None:
         """Begin a search at ``pose`` (run, coordinate)."""
@@ -107,10 +100,6 @@ class CmaEs:
     def tell(self, cost: wp.array[wp.float32]) -> None:
         """Learn from the costs (candidate,) of a whole generation."""
         learning.update(self.space, self._device_parameters, cost, self.state)
-
-    def estimate(self, pose: wp.array[wp.float32]) -> None:
-        """Write the mean of the search distribution."""
-        kernels.write_mean(self.space, self.state, pose)
 
 
 def _device_parameters(parameters: CmaEsParameters, device: wp.DeviceLike) -> Any:

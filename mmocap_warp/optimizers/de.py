@@ -13,7 +13,7 @@ import warp as wp
 from mmocap_warp.kernels.optimizers import de as kernels
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
 from mmocap_warp.kernels.structs import filled
-from mmocap_warp.optimizers.protocol import whole_generations
+from mmocap_warp.optimizers.search import Optimizer
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class DeConfig:
             raise ValueError(f"factor must be in (0, 2], got {self.factor}")
 
 
-class De:
+class De(Optimizer):
     """Differential evolution over a batch of runs; all state lives on the device.
 
     It searches the box of the radius around the start. The first generation evaluates the first members, each
@@ -65,9 +65,6 @@ class De:
         config: settings.
     """
 
-    returns_best = True
-    memory = ()
-
     def __init__(self, space: SearchSpace, evaluations: int, config: DeConfig | None = None) -> None:
         self.config = config or DeConfig()
         self.space = space
@@ -76,10 +73,6 @@ class De:
         self._parameters = filled(kernels.DeParameters, **roles)
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
-
-    def plan(self, evaluations: int) -> list[int]:
-        """Whole generations, the last one cut."""
-        return whole_generations(evaluations, self.particles)
 
     def start(self, pose: wp.array[wp.float32]) -> None:
         """Begin a search around ``pose`` (run, coordinate)."""
@@ -95,7 +88,3 @@ class De:
     def tell(self, cost: wp.array[wp.float32]) -> None:
         """Select by the costs (candidate,) of a whole generation."""
         kernels.select(cost, self.state)
-
-    def estimate(self, pose: wp.array[wp.float32]) -> None:
-        """Write the best member; the start where no generation was told."""
-        kernels.write_best(self.space, self.state, pose)

@@ -10,8 +10,7 @@ import warp as wp
 
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_space
 from mmocap_warp.optimizers.cma_es import CmaEs
-from mmocap_warp.optimizers.protocol import Optimizer
-from mmocap_warp.optimizers.search import Search
+from mmocap_warp.optimizers.search import BatchedCost, Optimizer, Search
 
 
 @dataclass(frozen=True)
@@ -89,8 +88,8 @@ def minimize(
     return Minimum(search.best_pose.numpy().copy(), search.best_cost.numpy().copy(), search.evaluations)
 
 
-class _Candidates:
-    """A user's cost as the search wants it."""
+class _Candidates(BatchedCost):
+    """A user's cost as the search wants it: candidates are judged whole."""
 
     def __init__(
         self,
@@ -107,12 +106,3 @@ class _Candidates:
     def evaluate(self, candidates: int) -> wp.array[wp.float32]:
         self._cost(self.pose[:candidates], self._out[:candidates])
         return self._out
-
-    def prepare(self, runs: int, index: np.ndarray) -> None:
-        """A cost that is not ours always judges whole candidates."""
-
-    def hold(self, base: wp.array[wp.float32], index: np.ndarray) -> None:
-        """See :meth:`prepare`."""
-
-    def release(self) -> None:
-        """See :meth:`prepare`."""

@@ -14,7 +14,7 @@ import warp as wp
 from mmocap_warp.kernels.optimizers import pso as kernels
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
 from mmocap_warp.kernels.structs import filled
-from mmocap_warp.optimizers.protocol import whole_generations
+from mmocap_warp.optimizers.search import Optimizer
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class PsoConfig:
             raise ValueError(f"inertia_min must not exceed inertia_max, got {self.inertia_min} > {self.inertia_max}")
 
 
-class Pso:
+class Pso(Optimizer):
     """PSO over a batch of runs; all state lives on the device.
 
     ``start`` scatters the swarm, normally about the start pose, which is itself no particle: positions are random as
@@ -68,9 +68,6 @@ class Pso:
         config: settings.
     """
 
-    returns_best = True
-    memory = ()
-
     def __init__(self, space: SearchSpace, evaluations: int, config: PsoConfig | None = None) -> None:
         self.config = config or PsoConfig()
         self.space = space
@@ -84,7 +81,7 @@ class Pso:
 
     def plan(self, evaluations: int) -> list[int]:
         """Whole generations, the last one cut; the inertia falls over the moves between them."""
-        sizes = whole_generations(evaluations, self.particles)
+        sizes = super().plan(evaluations)
         moves = len(sizes) - 1
         self._parameters.inertia_changes = max(1, moves - 1)
         return sizes
@@ -102,7 +99,3 @@ class Pso:
         kernels.remember(cost, self.state)
         kernels.sample_factors(self.space, self.state)
         kernels.move(self.space, self._parameters, self.state)
-
-    def estimate(self, pose: wp.array[wp.float32]) -> None:
-        """Write the swarm's best position."""
-        kernels.write_best(self.space, self.state, pose)

@@ -14,7 +14,7 @@ from mmocap_warp.body.shape_space import ShapeSpace, upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.shared_work import SharedWork
 from mmocap_warp.device.transfers import Upload
-from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.block import Batch
 from mmocap_warp.kernels.body import shaping, skinning
 from mmocap_warp.kernels.body.shaping import Sliders, shape, turn
 from mmocap_warp.kernels.body.skinning import pose_vertices
@@ -197,5 +197,4 @@ class Objective:
         piece = split.moving if split else silhouettes.whole
         self._pose(piece.vertex, batch)
         silhouettes.draw(self._posed, piece, batch, split.frozen if split else None)
-        views = silhouettes.views.struct
-        cost_of_counts(self._kind, views, self.count, self.pose, self.prior, batch, self.cost)
+        cost_of_counts(self._kind, silhouettes.views, self.count, self.pose, self.prior, batch, self.cost)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mmocap_warp.kernels.optimizers.populations import SearchSpace
-    from mmocap_warp.optimizers.protocol import Optimizer
+    from mmocap_warp.optimizers.search import Optimizer
 
 
 @dataclass(frozen=True)

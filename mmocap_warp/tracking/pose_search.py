@@ -14,8 +14,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.kernels.body.root_frame import enter, leave
 from mmocap_warp.kernels.optimizers.populations import make_space
-from mmocap_warp.optimizers.protocol import Optimizer
-from mmocap_warp.optimizers.search import Search
+from mmocap_warp.optimizers.search import Optimizer, Search
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS, Algorithm
 from mmocap_warp.tracking.from_settings import make_objective, search_limits
 from mmocap_warp.tracking.track_config import TrackConfig

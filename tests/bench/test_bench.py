@@ -26,8 +26,7 @@ from mmocap_warp.bench.workload import workload
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.cli import console
 from mmocap_warp.kernels.benchmarks import timing
-from mmocap_warp.kernels.benchmarks.case import Case, Check
-from mmocap_warp.kernels.benchmarks.timing import time_together
+from mmocap_warp.kernels.benchmarks.timing import Case, Check, time_together
 from mmocap_warp.optimizers.cma_es import CmaEs
 
 SMALL = {"cameras": 2, "size": (64, 48)}

@@ -7,7 +7,7 @@ import pytest
 from person_skeleton import JOINTS, PARENT
 from synthetic import MODELS, NAMES, SKELETON, synthetic_body
 
-from mmocap_warp.body.mesh_pieces import mesh_edges, split_mesh, whole_mesh
+from mmocap_warp.body.mesh_pieces import mesh_edges, split_mesh
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.scenes import ROOT
@@ -139,6 +139,6 @@ def test_no_faces_have_no_edges():
 def test_shipped_tracking_meshes_are_closed(path):
     """What counting facing triangles alone, and holding a part of the body, rests on."""
     mesh = read_body(path).tracking
-    edges = mesh_edges(whole_mesh(mesh).face)
+    edges = mesh_edges(mesh.face)
     assert (edges[:, 3] >= 0).all()
     assert 2 * len(edges) == 3 * len(mesh.face)

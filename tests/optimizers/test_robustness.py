@@ -120,3 +120,4 @@ def test_no_state_is_ever_nan(device, optimizer, dofs, function):
     search.run(function)
     assert_finite(search)
     assert np.isfinite(search.estimate()).all()
+    assert np.isfinite(search.ask()).all()

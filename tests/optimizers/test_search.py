@@ -9,9 +9,8 @@ from synthetic import SKELETON, synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.kernels.optimizers.populations import make_space
-from mmocap_warp.optimizers.protocol import share_budget
 from mmocap_warp.optimizers.pso import Pso
-from mmocap_warp.optimizers.search import Search
+from mmocap_warp.optimizers.search import Search, share_budget
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.pose_search import hierarchical, holistic
 from mmocap_warp.tracking.track_config import TrackConfig

@@ -18,7 +18,7 @@ from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEqua
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses
 from mmocap_warp.device.shared_work import SharedWork
 from mmocap_warp.device.transfers import Replays, Upload
-from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.block import Batch
 from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels
@@ -31,7 +31,7 @@ from mmocap_warp.kernels.contour.outline import find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import allocated, filled
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.masks.view_arrays import assign_cameras, make_views
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class ContourFitter:
 
         # The masks of frames, the cameras, and how the body moves in the time by which a view is late.
         self.fields = DistanceFields(rig, frames, candidates, device)
-        self._cameras = ViewArrays(rig, device)
+        self._views = make_views(rig, device)
         self._late = np.zeros((frames, cameras), np.float32)
         self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
         skin = (candidates, vertices)
@@ -225,7 +225,7 @@ class ContourFitter:
 
     def set_cameras(self, rig: CameraRig) -> None:
         """Take other cameras, of the same sizes."""
-        self._cameras.assign(rig)
+        assign_cameras(self._views, rig)
 
     def set_larger(self, larger: np.ndarray) -> None:
         """Set by how much each camera's masks reach beyond what they show (camera,) [px]; at first by nothing."""
@@ -286,7 +286,7 @@ class ContourFitter:
 
     def _sum(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their sums."""
-        views, posed, outline, residuals = self._cameras.struct, self._posed, self._outline, self._residuals
+        views, posed, outline, residuals = self._views, self._posed, self._outline, self._residuals
         self._skin(batch)
         turn_axes(self.descent.pose, batch, posed)
         move_origins(posed, self._change, batch)

@@ -110,25 +110,20 @@ def closed(vertex: np.ndarray, face: np.ndarray, most: int = MOST_TRIANGLES, cel
         cells: of the grid in which it is wrapped, along its longest side.
     """
     if len(face) > most:
-        return _wrap(vertex, face, cells, f"it has {len(face)} triangles")
+        return wrapped(vertex, face, cells, f"it has {len(face)} triangles")
     wound = face if is_closed(face) else consistently_wound(face)
     rims = None if wound is None else _hole_rims(wound)
     if wound is None or rims is None or len(rims) > _MOST_HOLES:
-        return _wrap(vertex, face, cells, "it is not a surface with a few holes")
+        return wrapped(vertex, face, cells, "it is not a surface with a few holes")
     # Each hole is filled by a fan around a vertex in its middle.
     middle = np.array([vertex[rim].mean(axis=0) for rim in rims]).reshape(-1, 3)
     fans = [np.stack([rim, np.roll(rim, -1), np.full(len(rim), len(vertex) + i)], axis=1) for i, rim in enumerate(rims)]
     whole = np.concatenate([wound, *fans])
     if not is_closed(whole):
-        return _wrap(vertex, face, cells, "it is open")
+        return wrapped(vertex, face, cells, "it is open")
     beside = np.array([rim[0] for rim in rims], int)
     done = "" if not rims else f"{len(rims)} hole{'s' if len(rims) > 1 else ''} filled"
     return ClosedMesh(middle, beside, outward(np.concatenate([vertex, middle]), whole), done)
-
-
-def _wrap(vertex: np.ndarray, face: np.ndarray, cells: int, why: str) -> ClosedMesh:
-    corner, triangle, beside = wrapped(vertex, face, cells)
-    return ClosedMesh(corner, beside, triangle + len(vertex), f"wrapped in a new surface, for {why}")
 
 
 def consistently_wound(face: np.ndarray) -> np.ndarray | None:
@@ -200,7 +195,7 @@ _CORNER = 0.04  # the surface cuts a cell's edge this share of it from its ends:
 _MOST_SAMPLES = 4_000_000
 
 
-def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int, why: str) -> ClosedMesh:
     """A closed surface around triangles: it is laid a little outside of them, then drawn back to them.
 
     Gaps of less than a few cells are closed, and hollows that cannot be reached from outside are filled. Single sheets
@@ -210,10 +205,7 @@ def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int) -> tuple[np.ndarra
         vertex: (vertex, 3).
         face: (face, 3), in any order and sense.
         cells: of the grid, along the longest side.
-
-    Returns:
-        vertices (n, 3), triangles (m, 3) counter-clockwise seen from outside, and for each of these vertices (n,) the
-        number of a given vertex that is near.
+        why: the mesh is wrapped, as the user is told.
     """
     from scipy.spatial import cKDTree
 
@@ -228,7 +220,8 @@ def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int) -> tuple[np.ndarra
     corner = low + size * corner
     _, near = tree.query(corner)
     towards = sample[near] - corner
-    return corner + _BACK * towards, triangle, owner[near]
+    done = f"wrapped in a new surface, for {why}"
+    return ClosedMesh(corner + _BACK * towards, owner[near], triangle + len(vertex), done)
 
 
 def _samples(vertex: np.ndarray, face: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:

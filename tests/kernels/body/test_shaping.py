@@ -6,7 +6,7 @@ import warp as wp
 from poisoned import poisoned
 from synthetic import synthetic_body, upright
 
-from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.body.shaping import Sliders, shape, turn
 from mmocap_warp.kernels.structs import filled
 

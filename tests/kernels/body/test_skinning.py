@@ -7,7 +7,7 @@ from random_scenes import posed_vertices, random_poses
 from synthetic import synthetic_body, synthetic_subject
 
 from mmocap_warp.body.posing import make_body_arrays
-from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints
 from mmocap_warp.kernels.body.skinning import pose_vertices, skin
 

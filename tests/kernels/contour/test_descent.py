@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from poisoned import poisoned
 
-from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, Descent, descend
 from mmocap_warp.kernels.contour.normal_equations import Sums
 from mmocap_warp.kernels.structs import filled

@@ -8,7 +8,7 @@ import warp as wp
 from contours import poisoned_outline, poisoned_residuals
 from poisoned import poisoned
 
-from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.contour.jacobian import Rows
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
 from mmocap_warp.kernels.structs import filled

@@ -11,10 +11,10 @@ from synthetic import ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours, is_outline
 from mmocap_warp.kernels.structs import filled
-from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.masks.view_arrays import make_views
 
 PROBE = 0.75  # px outside an edge
 BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot()}
@@ -95,7 +95,7 @@ def test_contours_at_a_triangle_seen_from_its_side_are_closed(device):
     outline = poisoned_outline(candidates, 1, 6, (4, 4, 6), device)
     moving = moving_skin(None, wp.zeros(candidates, dtype=wp.int32, device=device), candidates, 4, device)
     batch = batch_of(0, candidates, candidates, device)
-    find_contours(edges, posed, moving, ViewArrays(rig, device).struct, batch, outline)
+    find_contours(edges, posed, moving, make_views(rig, device), batch, outline)
     for count, ends in zip(outline.count.numpy()[:, 0], outline.ends.numpy()[:, 0], strict=True):
         start, end = ends[:count].T
         assert (np.bincount(start, minlength=4) == np.bincount(end, minlength=4)).all()

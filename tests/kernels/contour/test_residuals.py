@@ -10,13 +10,13 @@ from synthetic import ring_rig, synthetic_body, synthetic_poses, synthetic_subje
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fields import DistanceFields
-from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.contour.outline import BANDS
 from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.masks.view_arrays import make_views
 
 SIZE = (320, 240)
 SCALE = 160.0  # px of a metre, where planted outlines are
@@ -90,7 +90,7 @@ class Planted:
         for place, mask in enumerate(masks):
             fields.observe([Observation.from_masks([mask])], place)
         fields.struct.frame.assign(np.array(frames if frames is not None else np.zeros(n), np.int32))
-        views: Views = ViewArrays(rig, device).struct
+        views: Views = make_views(rig, device)
         settings = filled(Matching, **(MATCHING | matching))
         find_residuals(self.outline, fields.struct, views, settings, batch_of(0, n, n, device), self.residuals)
         self.counts = [len(polygon) for polygon in polygons]

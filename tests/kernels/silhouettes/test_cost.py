@@ -4,7 +4,7 @@ import reference
 import warp as wp
 from poisoned import poisoned
 
-from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.silhouettes.cost import IOU, PAPER, XOR, cost_of_counts
 from mmocap_warp.kernels.views.projection import Views
 

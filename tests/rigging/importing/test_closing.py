@@ -71,13 +71,14 @@ def test_a_heap_of_triangles_is_wrapped() -> None:
 
 def test_a_wrapped_box_has_its_size_and_one_sheet_gets_two_sides() -> None:
     box = trimesh.creation.box((1.0, 0.6, 0.4))
-    corner, face, _ = wrapped(box.vertices, np.asarray(box.faces), 30)
-    assert is_closed(face)
-    np.testing.assert_allclose(np.ptp(corner, axis=0), (1.0, 0.6, 0.4), atol=0.03)
-    assert volume(corner, face) == pytest.approx(0.24, rel=0.08)
-    sheet, both, _ = wrapped(box.vertices, np.asarray(box.faces)[:1], 30)
-    assert is_closed(both)
-    assert 0 < volume(sheet, both) < 0.02
+    count = len(box.vertices)
+    whole = wrapped(box.vertices, np.asarray(box.faces), 30, "")
+    assert is_closed(whole.face)
+    np.testing.assert_allclose(np.ptp(whole.added, axis=0), (1.0, 0.6, 0.4), atol=0.03)
+    assert volume(whole.added, whole.face - count) == pytest.approx(0.24, rel=0.08)
+    sheet = wrapped(box.vertices, np.asarray(box.faces)[:1], 30, "")
+    assert is_closed(sheet.face)
+    assert 0 < volume(sheet.added, sheet.face - count) < 0.02
 
 
 def test_a_triangle_that_touches_no_other_stays_as_it_is() -> None:

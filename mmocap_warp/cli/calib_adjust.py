@@ -149,6 +149,7 @@ def refine(
     body: str | None = None,
     frames: str | None = None,
     flags: AdjustFlags | None = None,
+    trust_cameras: Switch = False,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
@@ -161,6 +162,7 @@ def refine(
         loaded,
         output,
         body=body,
+        trust_cameras=trust_cameras,
         force=force,
         reporter=console,
         fixed=fixed,

@@ -97,6 +97,7 @@ def sync(
     *,
     frames: str | None = None,
     within: float = 1.0,
+    trust_cameras: Switch = False,
     write: Switch = False,
     console: Console | None = None,
 ) -> int:
@@ -105,7 +106,7 @@ def sync(
 
     console = console or Console()
     loaded = scene_from(scene, frames, calibrated=False)
-    offsets = sync(loaded, within=within, write=write, reporter=console)
+    offsets = sync(loaded, within=within, trust_cameras=trust_cameras, write=write, reporter=console)
     timing, faults = offsets.timing(loaded), offsets.faults(loaded)
     step = next_step("cameras", loaded.path) if loaded.calibration and loaded.calibrated.placed else None
     values = {

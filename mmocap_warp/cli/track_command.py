@@ -45,6 +45,7 @@ def track(
     flags: TrackFlags | None = None,
     resume: Switch = False,
     accept_changed_code: Switch = False,
+    trust_cameras: Switch = False,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
@@ -63,6 +64,7 @@ def track(
         rigid=rigid,
         resume=resume,
         accept_changed_code=accept_changed_code,
+        trust_cameras=trust_cameras,
         force=force,
         reporter=console,
         **given(flags),
@@ -90,6 +92,7 @@ def fit(
     frames: SceneFrames = None,
     identity: Identity = None,
     flags: FitFlags | None = None,
+    trust_cameras: Switch = False,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
@@ -103,6 +106,7 @@ def fit(
         start_poses=start_pose,
         frames=frames,
         identity=identity,
+        trust_cameras=trust_cameras,
         force=force,
         reporter=console,
         **given(flags),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.commands.inputs import body_from, note_others, scene_from, scene_reference
+from mmocap_warp.commands.inputs import body_from, look_first, note_others, scene_from, scene_reference
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.commands.reporter import Reporter
 from mmocap_warp.commands.settings import describe, effective, start_warp
@@ -45,6 +45,7 @@ def fit(
     output: str | Path | None = None,
     frames: str | int | range | None = None,
     identity: int | None = None,
+    trust_cameras: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
     **settings: Any,
@@ -63,6 +64,7 @@ def fit(
         frames: which of the recording's frames: first:end or first:end:stride. A number is the setting of that name.
             [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
+        trust_cameras: go on even if masks and calibration fit no body; the subject says so.
         force: replace a file that exists.
         reporter: who is told of notes and progress.
         settings: fields of :class:`FitConfig` that replace those of ``config``, such as ``headings=4``.
@@ -81,8 +83,9 @@ def fit(
     generic = body_from(body, loaded)
     poses = _start_poses(start_poses, body, loaded)
     start_warp(chosen.device)
+    trusted = look_first(loaded, generic, reporter, trust_cameras)
     reporter.note(f"fit: {describe(chosen, loaded.fit if config is None else {}, settings)}")
-    return fit_subject(loaded, generic, chosen, file, reporter, poses)
+    return fit_subject(loaded, generic, chosen, file, reporter, poses, trusted)
 
 
 def _start_poses(
@@ -104,10 +107,12 @@ def fit_subject(
     output: Path | None,
     reporter: Reporter,
     start_poses: np.ndarray | None = None,
+    trusted: Mapping[str, str] | None = None,
 ) -> Subject:
     """Fit a body to a scene, and write it where there is an ``output``; a note says where masks do not decide.
 
     ``start_poses`` (pose, coordinate) are those in which the recording may start; None for the body's usual ones.
+    ``trusted`` is what :func:`look_first` returned.
 
     Raises:
         InputError: the first frame's masks do not show one subject.
@@ -127,6 +132,7 @@ def fit_subject(
         reporter.note((_UNDECIDED if body.skeleton.stands else _UNDECIDED_LYING)[name])
     identity = {"fit.identity": scene.foreground.identity} if scene.foreground.identity else {}
     reference = {"fit.scene": scene_reference(scene.path, output)}
+    reference |= {f"fit.{name}": problem for name, problem in (trusted or {}).items()}
     subject = replace(subject, provenance={**subject.provenance, **reference, **identity})
     if output is not None:
         write_subject(output, subject)

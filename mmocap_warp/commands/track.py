@@ -12,6 +12,7 @@ from mmocap_warp.commands.fit import fit_subject
 from mmocap_warp.commands.inputs import (
     Frames,
     body_from,
+    look_first,
     note_others,
     scene_from,
     scene_reference,
@@ -46,6 +47,7 @@ def track(
     identity: int | None = None,
     resume: bool = False,
     accept_changed_code: bool = False,
+    trust_cameras: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
     **settings: Any,
@@ -64,13 +66,15 @@ def track(
         identity: of the person who is meant, where masks show several.
         resume: continue an interrupted run; it ends with the same bits as one that was not interrupted.
         accept_changed_code: resume also where another version of the program began; its frames stay as they are.
+        trust_cameras: go on even if masks and calibration fit no body; the result says so.
         force: replace a result that exists.
         reporter: who is told of notes and progress.
         settings: fields of :class:`TrackConfig` that replace those of ``config``, such as ``evaluations=200``.
 
     Raises:
         UsageError: a setting that cannot be. TypeError: one that does not exist, or what is no subject and no body.
-        InputError: anything wrong with the scene's images, the subject or the body; an interrupted run lies there and
+        InputError: anything wrong with the scene's images, the subject or the body, or masks and calibration that fit
+            no body; an interrupted run lies there and
             neither ``resume`` nor ``force`` says what to do with it.
     """
     reporter = reporter or Reporter()
@@ -105,9 +109,13 @@ def track(
         subject = loaded.subject
     if subject is None and resume and kept is not None and kept.exists():
         subject = kept
+    if subject is not None:
+        subject = subject_from(subject)
+    generic = body_from(body, loaded) if subject is None else subject.body
+    trusted = look_first(loaded, generic, reporter, trust_cameras)
     if subject is None:
         subject = _fitted(loaded, body, chosen, given, rigid, kept, reporter)
-    start, notes = subject_carrying(subject_from(subject), loaded.attached)
+    start, notes = subject_carrying(subject, loaded.attached)
     for note in notes:
         reporter.note(f"attach: {note}")
     _check_model(start.body, loaded, chosen, given)
@@ -117,7 +125,7 @@ def track(
     tracked = _tracked(loaded, start, chosen, checkpoint, resume, accept_changed_code, reporter)
     identified = {"identity": loaded.foreground.identity} if loaded.foreground.identity else {}
     reference = {"scene": scene_reference(loaded.path, file)}
-    tracked = replace(tracked, config=tracked.config | reference | identified)
+    tracked = replace(tracked, config=tracked.config | reference | identified | trusted)
     if file is not None and checkpoint is not None:
         write_result(file, tracked)
         checkpoint.unlink(missing_ok=True)

@@ -1,0 +1,181 @@
+"""A look at a recording before the first frame: can its masks and its calibration be of one body?
+
+A second or two on a few small frames. Refused is what fits no body: views that agree again after a trial repair, which
+names the mistake; views that agree on nothing; and a subject of a wrong size. What hides a limb is at most a doubt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.calibration.gross_mistake import Agreement, Silhouettes, agreement, find_mistake
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.cleanup import rivals
+from mmocap_warp.masks.frames import VideoFile
+from mmocap_warp.scene.recording import Scene
+
+_FRAMES = 6  # frames that are looked at
+_SIDE = 320  # pixels of the longest side of an image
+_READ_SECONDS = 1.0  # of a recording that must be read in order, as a video; others are looked at from end to end
+_FULL = 0.7  # share of an image that nobody fills: black and white are exchanged
+_MIN_SHARE = 0.35  # of the masks that the others explain. Sound views with half a body hidden in two reach .6
+_DOUBTFUL = 0.85  # share below which views are in doubt
+_STRANGER, _WITHOUT = 0.3, 0.9  # explained share of a view that shows something else; of the others without it
+_LEFT = 0.35  # share of the disagreement that is left without a view that disagrees
+_SOUND = 0.96  # share of views of which none is in doubt
+_SMALL, _LARGE = 0.3, 1.75  # extent over the body's. People have .4 to 1.1, a calibration in feet makes that 2 and more
+_UNITS = {"feet": 3.2808, "inches": 39.37, "centimetres": 100.0, "millimetres": 1000.0}
+_UNIT_RATIO = 1.6  # by which a unit may miss the sizes' ratio
+
+
+@dataclass(frozen=True)
+class FirstLook:
+    """What a look showed.
+
+    Attributes:
+        problem: why no body can be tracked; None where nothing speaks against it.
+        remedy: what to do about the problem.
+        doubts: what may be wrong, a sentence each.
+    """
+
+    problem: str | None = None
+    remedy: str = ""
+    doubts: tuple[str, ...] = ()
+
+
+def look(scene: Scene, body: BodyModel | None, *, to_be_mended: bool = False) -> FirstLook:
+    """Look at a few frames of a scene.
+
+    Args:
+        scene: the recording, with a calibration.
+        body: who is to be tracked, for the size; None where the size does not count.
+        to_be_mended: cameras and times may be somewhat wrong, because they are about to be put right.
+
+    Raises:
+        InputError: images that cannot be read.
+    """
+    rig, frames = _few_masks(scene)
+    check = f"check with: mmocap calib check {scene.path}"
+    if len(rig) < 2:
+        return FirstLook(f"has one view, {rig.names[0]}, and two or more are needed", "add a camera")
+    # Masks by themselves.
+    problem, remedy = _mask_fault(scene, rig, frames)
+    if problem is not None:
+        return FirstLook(problem, remedy)
+    silhouettes = [Silhouettes.of(masks) for masks in frames]
+    seen = {k for frame in silhouettes for k in frame.seeing}
+    doubts = [f"{name} shows nobody in {len(frames)} frames" for k, name in enumerate(rig.names) if k not in seen]
+    # The calibration, by all views together.
+    now = agreement(rig, silhouettes)
+    mistake = find_mistake(rig, silhouettes, now)
+    if mistake is not None:
+        found = f"{100 * now.share:.0f} % of the masks lie in the other views' hull, and nearly all after a repair"
+        return FirstLook(f"{mistake} ({found})", check)
+    if body is not None and (wrong_size := _wrong_size(scene, body, now.extent)) is not None:
+        return wrong_size
+    # One view, and what none of them explains.
+    stranger, without = _worst_view(rig, silhouettes, now)
+    if stranger is not None and without >= _WITHOUT and now.explained[stranger] < _STRANGER:
+        problem = f"{rig.names[stranger]} shows something else than the others, or its calibration is wrong: they agree"
+        problem += f" on {100 * without:.0f} % without it, and on {100 * now.explained[stranger]:.0f} % of its masks"
+    elif now.share < _MIN_SHARE:
+        problem = f"the views have no common hull: the others explain {100 * now.share:.0f} % of a mask"
+        check = f"are masks and calibration of one recording, of one person, and in step? {check}"
+    if problem is not None and not to_be_mended:
+        return FirstLook(problem, check, tuple(doubts))
+    if problem is None and stranger is not None:
+        problem = f"{rig.names[stranger]} disagrees with the other views, or something hides the subject there"
+    elif problem is None and now.share < _DOUBTFUL:
+        problem = f"the views disagree: the others explain {100 * now.share:.0f} % of a mask"
+    return FirstLook(doubts=(*doubts, *([f"{problem}; {check}"] if problem is not None else [])))
+
+
+def _few_masks(scene: Scene) -> tuple[CameraRig, list[list[np.ndarray]]]:
+    """Small cameras, and masks of a few frames."""
+    given = scene.foreground.source == "masks"
+    sources = [camera.masks if given else camera.video for camera in scene.cameras]
+    in_order = scene.foreground.keep == "nearest" or any(isinstance(source, VideoFile) for source in sources)
+    last = scene.frame_count - 1
+    if in_order:
+        last = min(last, round(_READ_SECONDS * scene.rate))
+    count = min(_FRAMES, last + 1)
+    step = last // max(1, count - 1) or 1
+    few = scene.of_frames(scene.frames[: (count - 1) * step + 1 : step])
+    few = replace(few, foreground=replace(scene.foreground, repair=False))
+    scale = min(1.0, _SIDE / int(scene.calibrated.size.max()))
+    return few.rig(scale), list(few.masks(scale))
+
+
+def _mask_fault(scene: Scene, rig: CameraRig, frames: Sequence[list[np.ndarray]]) -> tuple[str | None, str]:
+    """What is wrong with the masks by themselves, and what to do; None where nothing is."""
+    remedy = "docs/masks.md tells how to make masks; look at them with: mmocap mask"
+    shares = np.array([[mask.mean() for mask in masks] for masks in frames])
+    for name, share in zip(rig.names, np.median(shares, axis=0), strict=True):
+        if share > _FULL:
+            return (
+                f"{name}'s masks are {100 * share:.0f} % foreground: are black and white exchanged?",
+                f"foreground must be white; {remedy}",
+            )
+    if ((shares > 0).sum(axis=1) < 2).all():
+        empty = ", ".join(name for name, share in zip(rig.names, shares.T, strict=True) if not share.any())
+        if scene.foreground.source == "recording":
+            remedy = 'source = "recording" takes for background what stays; name a clean_plate; ' + remedy
+        return (
+            f"no two views show anybody in {len(frames)} frames{f'; {empty} show nobody at all' * bool(empty)}",
+            remedy,
+        )
+    # Two blobs of about equal size, in nearly all views all the time, are two people.
+    scale = float(rig.size.max() / scene.calibrated.size.max())
+    several = [
+        np.mean([rivals(mask, scene.foreground.join * scale) is not None for mask in masks if mask.any()])
+        for masks in frames
+        if any(mask.any() for mask in masks)
+    ]
+    if min(several) > 2 / 3:
+        remedy = 'choose one with --identity, or set [foreground] keep = "nearest" to follow one'
+        return "the masks show two people (or two parts) of about equal size in nearly all views", remedy
+    return None, ""
+
+
+def _worst_view(rig: CameraRig, frames: list[Silhouettes], now: Agreement) -> tuple[int | None, float]:
+    """The view without which the others agree, and their share then; None where there is none, or too few are left."""
+    if now.share >= _SOUND or len(rig) < 4:
+        return None, now.share
+    shares = []
+    for k in range(len(rig)):
+        without = [replace(frame, seeing=[j for j in frame.seeing if j != k]) for frame in frames]
+        shares.append(agreement(rig, without).share)
+    worst = int(np.argmax(shares))
+    agree = 1 - shares[worst] <= _LEFT * (1 - now.share)
+    return (worst, shares[worst]) if agree else (None, now.share)
+
+
+def _wrong_size(scene: Scene, body: BodyModel, extent: float) -> FirstLook | None:
+    """What to say where the subject's size is not the body's; None where it may be."""
+    own = float(np.linalg.norm(np.ptp(body.skin.rest[body.own_vertex], axis=0)))
+    ratio = extent / own
+    if not np.isfinite(extent) or _SMALL < ratio < _LARGE:
+        return None
+    larger = ratio > 1
+    # The unit whose ratio is nearest.
+    unit, metres = min(_UNITS.items(), key=lambda each: abs(np.log(each[1] / max(ratio, 1 / ratio))))
+    if scene.units == "mm" and not larger:
+        unit, metres = "metres", 1000.0
+        if ratio > 0.003:
+            unit, metres = ("centimetres", 10.0) if ratio > 0.05 else ("inches", 25.4)
+    cause = ""
+    if 1 / _UNIT_RATIO < max(ratio, 1 / ratio) / metres < _UNIT_RATIO:
+        cause = f", as if {unit} had been read as {'millimetres' if scene.units == 'mm' else 'metres'}"
+        if not larger and scene.units != "mm":
+            cause = f", as if metres had been read as {unit}"
+    problem = f"the subject is {_length(extent)} large and the body {body.name} {_length(own)}"
+    remedy = 'give the calibration in metres ([cameras] units = "mm" for millimetres), or name a body of that size'
+    return FirstLook(f"{problem}: is the calibration's unit right{cause}?", remedy)
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.3g} m" if metres >= 0.1 else f"{1000 * metres:.3g} mm"

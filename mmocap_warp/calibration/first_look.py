@@ -20,16 +20,29 @@ from mmocap_warp.scene.recording import Scene
 
 _FRAMES = 6  # frames that are looked at
 _SIDE = 320  # pixels of the longest side of an image
+_DIAMETER = 80.0  # pixels of the circle about a subject: where it has fewer, larger images are read
+_MIN_DIAMETER = 40.0  # pixels: smaller silhouettes tell too little
 _READ_SECONDS = 1.0  # of a recording that must be read in order, as a video; others are looked at from end to end
 _FULL = 0.7  # share of an image that nobody fills: black and white are exchanged
+_TWO_PEOPLE = 0.65  # share of the views that show two blobs. Somebody who walks by makes .57
 _MIN_SHARE = 0.35  # of the masks that the others explain. Sound views with half a body hidden in two reach .6
 _DOUBTFUL = 0.85  # share below which views are in doubt
 _STRANGER, _WITHOUT = 0.3, 0.9  # explained share of a view that shows something else; of the others without it
 _LEFT = 0.35  # share of the disagreement that is left without a view that disagrees
 _SOUND = 0.96  # share of views of which none is in doubt
 _SMALL, _LARGE = 0.3, 1.75  # extent over the body's. People have .4 to 1.1, a calibration in feet makes that 2 and more
-_UNITS = {"feet": 3.2808, "inches": 39.37, "centimetres": 100.0, "millimetres": 1000.0}
-_UNIT_RATIO = 1.6  # by which a unit may miss the sizes' ratio
+_UNITS = {
+    "feet had been read as metres": 3.281,
+    "inches had been read as metres": 39.37,
+    "centimetres had been read as metres": 100.0,
+    "millimetres had been read as metres": 1000.0,
+    "centimetres had been read as millimetres": 1 / 10,
+    "inches had been read as millimetres": 1 / 25.4,
+    "feet had been read as millimetres": 1 / 304.8,
+    "metres had been read as millimetres": 1 / 1000,
+}  # by how much too large that makes the subject
+_UNIT_RATIO = 1.8  # by which a unit may miss the sizes' ratio
+_STANDING = 0.8  # extent of somebody who stands over that of the body at rest, whose arms are spread
 
 
 @dataclass(frozen=True)
@@ -58,8 +71,7 @@ def look(scene: Scene, body: BodyModel | None, *, to_be_mended: bool = False) ->
     Raises:
         InputError: images that cannot be read.
     """
-    rig, frames = _few_masks(scene)
-    check = f"check with: mmocap calib check {scene.path}"
+    rig, frames = _few_masks(scene, _SIDE)
     if len(rig) < 2:
         return FirstLook(f"has one view, {rig.names[0]}, and two or more are needed", "add a camera")
     # Masks by themselves.
@@ -67,9 +79,15 @@ def look(scene: Scene, body: BodyModel | None, *, to_be_mended: bool = False) ->
     if problem is not None:
         return FirstLook(problem, remedy)
     silhouettes = [Silhouettes.of(masks) for masks in frames]
+    if (diameter := _diameter(silhouettes)) < _DIAMETER < int(scene.calibrated.size.max()):
+        rig, frames = _few_masks(scene, round(_SIDE * min(4.0, _DIAMETER / diameter)))
+        silhouettes = [Silhouettes.of(masks) for masks in frames]
     seen = {k for frame in silhouettes for k in frame.seeing}
     doubts = [f"{name} shows nobody in {len(frames)} frames" for k, name in enumerate(rig.names) if k not in seen]
+    if not _diameter(silhouettes) >= _MIN_DIAMETER:
+        return FirstLook(doubts=tuple(doubts))
     # The calibration, by all views together.
+    check = f"check with: mmocap calib check {scene.path}"
     now = agreement(rig, silhouettes)
     mistake = find_mistake(rig, silhouettes, now)
     if mistake is not None:
@@ -94,8 +112,14 @@ def look(scene: Scene, body: BodyModel | None, *, to_be_mended: bool = False) ->
     return FirstLook(doubts=(*doubts, *([f"{problem}; {check}"] if problem is not None else [])))
 
 
-def _few_masks(scene: Scene) -> tuple[CameraRig, list[list[np.ndarray]]]:
-    """Small cameras, and masks of a few frames."""
+def _diameter(silhouettes: Sequence[Silhouettes]) -> float:
+    """The median of the circles about the masks [px]; NaN where nobody is seen."""
+    diameters = np.concatenate([frame.diameters for frame in silhouettes])
+    return float(np.median(diameters[np.isfinite(diameters)])) if np.isfinite(diameters).any() else float("nan")
+
+
+def _few_masks(scene: Scene, side: int) -> tuple[CameraRig, list[list[np.ndarray]]]:
+    """Cameras whose images' longest side is ``side`` [px], and masks of a few frames."""
     given = scene.foreground.source == "masks"
     sources = [camera.masks if given else camera.video for camera in scene.cameras]
     in_order = scene.foreground.keep == "nearest" or any(isinstance(source, VideoFile) for source in sources)
@@ -106,7 +130,7 @@ def _few_masks(scene: Scene) -> tuple[CameraRig, list[list[np.ndarray]]]:
     step = last // max(1, count - 1) or 1
     few = scene.of_frames(scene.frames[: (count - 1) * step + 1 : step])
     few = replace(few, foreground=replace(scene.foreground, repair=False))
-    scale = min(1.0, _SIDE / int(scene.calibrated.size.max()))
+    scale = min(1.0, side / int(scene.calibrated.size.max()))
     return few.rig(scale), list(few.masks(scale))
 
 
@@ -128,16 +152,16 @@ def _mask_fault(scene: Scene, rig: CameraRig, frames: Sequence[list[np.ndarray]]
             f"no two views show anybody in {len(frames)} frames{f'; {empty} show nobody at all' * bool(empty)}",
             remedy,
         )
-    # Two blobs of about equal size, in nearly all views all the time, are two people.
+    # Two blobs of about equal size, in most views most of the time, are two people.
     scale = float(rig.size.max() / scene.calibrated.size.max())
     several = [
         np.mean([rivals(mask, scene.foreground.join * scale) is not None for mask in masks if mask.any()])
         for masks in frames
         if any(mask.any() for mask in masks)
     ]
-    if min(several) > 2 / 3:
+    if np.median(several) > _TWO_PEOPLE:
         remedy = 'choose one with --identity, or set [foreground] keep = "nearest" to follow one'
-        return "the masks show two people (or two parts) of about equal size in nearly all views", remedy
+        return "the masks show two people (or two parts) of about equal size in most views", remedy
     return None, ""
 
 
@@ -156,25 +180,19 @@ def _worst_view(rig: CameraRig, frames: list[Silhouettes], now: Agreement) -> tu
 
 def _wrong_size(scene: Scene, body: BodyModel, extent: float) -> FirstLook | None:
     """What to say where the subject's size is not the body's; None where it may be."""
-    own = float(np.linalg.norm(np.ptp(body.skin.rest[body.own_vertex], axis=0)))
-    ratio = extent / own
+    size = np.ptp(body.skin.rest[body.own_vertex], axis=0)
+    ratio = extent / float(np.linalg.norm(size))
     if not np.isfinite(extent) or _SMALL < ratio < _LARGE:
         return None
-    larger = ratio > 1
-    # The unit whose ratio is nearest.
-    unit, metres = min(_UNITS.items(), key=lambda each: abs(np.log(each[1] / max(ratio, 1 / ratio))))
-    if scene.units == "mm" and not larger:
-        unit, metres = "metres", 1000.0
-        if ratio > 0.003:
-            unit, metres = ("centimetres", 10.0) if ratio > 0.05 else ("inches", 25.4)
-    cause = ""
-    if 1 / _UNIT_RATIO < max(ratio, 1 / ratio) / metres < _UNIT_RATIO:
-        cause = f", as if {unit} had been read as {'millimetres' if scene.units == 'mm' else 'metres'}"
-        if not larger and scene.units != "mm":
-            cause = f", as if metres had been read as {unit}"
-    problem = f"the subject is {_length(extent)} large and the body {body.name} {_length(own)}"
-    remedy = 'give the calibration in metres ([cameras] units = "mm" for millimetres), or name a body of that size'
-    return FirstLook(f"{problem}: is the calibration's unit right{cause}?", remedy)
+    off = {cause: abs(np.log(ratio / _STANDING / by)) for cause, by in _UNITS.items()}
+    cause = min(off, key=lambda each: off[each])
+    why = f", as if {cause}" if off[cause] < np.log(_UNIT_RATIO) else ""
+    return FirstLook(
+        f"the subject is {_length(extent)} large, and the body {body.name} {_length(float(size.max()))}: its unit of"
+        f" length is wrong{why}",
+        f'give {scene.calibration or "the calibration"} in metres, or [cameras] units = "mm" for millimetres; or name a'
+        " body of that size",
+    )
 
 
 def _length(metres: float) -> str:

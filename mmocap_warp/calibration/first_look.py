@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.posing import Poser
 from mmocap_warp.calibration.gross_mistake import Agreement, Silhouettes, agreement, find_mistake
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.masks.cleanup import rivals
 from mmocap_warp.masks.frames import VideoFile
 from mmocap_warp.scene.recording import Scene
@@ -60,43 +62,46 @@ class FirstLook:
     doubts: tuple[str, ...] = ()
 
 
-def look(scene: Scene, body: BodyModel | None, *, to_be_mended: bool = False) -> FirstLook:
+def look(
+    scene: Scene, body: BodyModel | None, *, start: Subject | None = None, to_be_mended: bool = False
+) -> FirstLook:
     """Look at a few frames of a scene.
 
     Args:
         scene: the recording, with a calibration.
         body: who is to be tracked, for the size; None where the size does not count.
+        start: the subject, where it is known; masks with ``keep = "nearest"`` are those near its first pose.
         to_be_mended: cameras and times may be somewhat wrong, because they are about to be put right.
 
     Raises:
         InputError: images that cannot be read.
     """
-    rig, frames = _few_masks(scene, _SIDE)
+    rig, frames = few_masks(scene, _SIDE, start)
     if len(rig) < 2:
         return FirstLook(f"has one view, {rig.names[0]}, and two or more are needed", "add a camera")
     # Masks by themselves.
     problem, remedy = _mask_fault(scene, rig, frames)
     if problem is not None:
         return FirstLook(problem, remedy)
-    silhouettes = [Silhouettes.of(masks) for masks in frames]
-    if (diameter := _diameter(silhouettes)) < _DIAMETER < int(scene.calibrated.size.max()):
-        rig, frames = _few_masks(scene, round(_SIDE * min(4.0, _DIAMETER / diameter)))
-        silhouettes = [Silhouettes.of(masks) for masks in frames]
-    seen = {k for frame in silhouettes for k in frame.seeing}
+    compared = [Silhouettes.of(masks) for masks in frames]
+    if (diameter := _diameter(compared)) < _DIAMETER < int(scene.calibrated.size.max()):
+        rig, frames = few_masks(scene, round(_SIDE * min(4.0, _DIAMETER / diameter)), start)
+        compared = [Silhouettes.of(masks) for masks in frames]
+    seen = {k for frame in compared for k in frame.seeing}
     doubts = [f"{name} shows nobody in {len(frames)} frames" for k, name in enumerate(rig.names) if k not in seen]
-    if not _diameter(silhouettes) >= _MIN_DIAMETER:
+    if not _diameter(compared) >= _MIN_DIAMETER:
         return FirstLook(doubts=tuple(doubts))
     # The calibration, by all views together.
     check = f"check with: mmocap calib check {scene.path}"
-    now = agreement(rig, silhouettes)
-    mistake = find_mistake(rig, silhouettes, now)
+    now = agreement(rig, compared)
+    mistake = find_mistake(rig, compared, now)
     if mistake is not None:
         found = f"{100 * now.share:.0f} % of the masks lie in the other views' hull, and nearly all after a repair"
         return FirstLook(f"{mistake} ({found})", check)
     if body is not None and (wrong_size := _wrong_size(scene, body, now.extent)) is not None:
         return wrong_size
     # One view, and what none of them explains.
-    stranger, without = _worst_view(rig, silhouettes, now)
+    stranger, without = _worst_view(rig, compared, now)
     if stranger is not None and without >= _WITHOUT and now.explained[stranger] < _STRANGER:
         problem = f"{rig.names[stranger]} shows something else than the others, or its calibration is wrong: they agree"
         problem += f" on {100 * without:.0f} % without it, and on {100 * now.explained[stranger]:.0f} % of its masks"
@@ -118,20 +123,29 @@ def _diameter(silhouettes: Sequence[Silhouettes]) -> float:
     return float(np.median(diameters[np.isfinite(diameters)])) if np.isfinite(diameters).any() else float("nan")
 
 
-def _few_masks(scene: Scene, side: int) -> tuple[CameraRig, list[list[np.ndarray]]]:
+def few_masks(
+    scene: Scene, side: int = _SIDE, start: Subject | None = None
+) -> tuple[CameraRig, list[list[np.ndarray]]]:
     """Cameras whose images' longest side is ``side`` [px], and masks of a few frames."""
-    given = scene.foreground.source == "masks"
+    given, follows = scene.foreground.source == "masks", scene.foreground.keep == "nearest"
     sources = [camera.masks if given else camera.video for camera in scene.cameras]
-    in_order = scene.foreground.keep == "nearest" or any(isinstance(source, VideoFile) for source in sources)
     last = scene.frame_count - 1
-    if in_order:
+    if follows or any(isinstance(source, VideoFile) for source in sources):
         last = min(last, round(_READ_SECONDS * scene.rate))
     count = min(_FRAMES, last + 1)
     step = last // max(1, count - 1) or 1
     few = scene.of_frames(scene.frames[: (count - 1) * step + 1 : step])
     few = replace(few, foreground=replace(scene.foreground, repair=False))
     scale = min(1.0, side / int(scene.calibrated.size.max()))
-    return few.rig(scale), list(few.masks(scale))
+    rig = few.rig(scale)
+    if not follows or start is None:
+        return rig, list(few.masks(scale))
+    # The subject is followed from its first pose on.
+    vertices = Poser(start.body, start.root_base).tracking_vertices(start.pose)[0]
+    frames = [silhouettes(rig, vertices, start.body.tracking_face)]
+    for masks in few.masks(scale, body=lambda: frames[-1]):
+        frames.append(masks)
+    return rig, frames[1:]
 
 
 def _mask_fault(scene: Scene, rig: CameraRig, frames: Sequence[list[np.ndarray]]) -> tuple[str | None, str]:

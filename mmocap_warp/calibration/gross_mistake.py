@@ -36,12 +36,12 @@ MIRRORED, SWAPPED, IMAGE_SIZE = "mirrored", "wrong file", "image size"
 _TURNS = {
     MIRRORED: np.diag([-1.0, 1.0]),
     "turned by 180 degrees": np.diag([-1.0, -1.0]),
-    "turned by 90 degrees": np.array([[0.0, -1.0], [1.0, 0.0]]),
-    "turned by 270 degrees": np.array([[0.0, 1.0], [-1.0, 0.0]]),
+    "turned by 90 degrees clockwise": np.array([[0.0, -1.0], [1.0, 0.0]]),
+    "turned by 90 degrees counterclockwise": np.array([[0.0, 1.0], [-1.0, 0.0]]),
     "mirrored top to bottom": np.diag([1.0, -1.0]),
 }
-"""What may have happened to images after the calibration: (2, 2), from calibrated to seen directions (x right, y down,
-so turns are clockwise)."""
+"""What may have happened to images after the calibration: (2, 2), from calibrated to seen directions, x right and y
+down."""
 _INVERTED = "inverted extrinsics"
 _POSES = {
     _INVERTED: "rotation and translation are camera to world: give them world to camera",
@@ -76,7 +76,7 @@ class Mistake:
             return f"{whose}: pictures are {self.size:.3g} times as large as those of the calibration"
         if self.cause in _POSES:
             return f"{whose}: {_POSES[self.cause]}"
-        return f"{whose}: pictures are {self.cause}, beside those of the calibration"
+        return f"{whose}: pictures are {self.cause}, those of the calibration were not"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class Silhouettes:
         masks: per camera (height, width) bool, grown by a pixel, so that thin limbs and small errors do not count.
         centroids: (camera, 2) [px]; NaN where there is nobody, as below.
         pixels: per camera (n, 2), some of the foreground's.
-        diameters: (camera,) of the circles about the masks [px].
+        diameters: (camera,) of the circles about the masks' largest pieces [px].
     """
 
     seeing: list[int]
@@ -100,6 +100,8 @@ class Silhouettes:
     @classmethod
     def of(cls, masks: Masks) -> Silhouettes:
         """What is compared of these masks."""
+        square = np.ones((3, 3), np.uint8)
+        grown = [cv2.dilate(mask.astype(np.uint8), square) for mask in masks]
         centroids, diameters = np.full((len(masks), 2), np.nan), np.full(len(masks), np.nan)
         pixels = []
         for k, mask in enumerate(masks):
@@ -107,10 +109,17 @@ class Silhouettes:
             pixels.append(place[:: max(1, len(place) // _PIXELS)])
             if len(place) >= _MIN_PIXELS:
                 centroids[k] = mask_centroid(mask)
-                diameters[k] = 2 * cv2.minEnclosingCircle(cv2.convexHull(place.astype(np.float32)))[1]
-        square = np.ones((3, 3), np.uint8)
-        grown = [cv2.dilate(mask.astype(np.uint8), square).astype(bool) for mask in masks]
-        return cls(np.flatnonzero(np.isfinite(diameters)).tolist(), grown, centroids, pixels, diameters)
+                # Specks far away do not make the subject larger.
+                _, label, boxes, _ = cv2.connectedComponentsWithStats(grown[k])
+                largest = np.argwhere(label == 1 + np.argmax(boxes[1:, cv2.CC_STAT_AREA])).astype(np.float32)
+                diameters[k] = 2 * cv2.minEnclosingCircle(cv2.convexHull(largest))[1]
+        return cls(
+            np.flatnonzero(np.isfinite(diameters)).tolist(),
+            [mask.astype(bool) for mask in grown],
+            centroids,
+            pixels,
+            diameters,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +193,7 @@ def find_mistake(rig: CameraRig, frames: Sequence[Silhouettes], now: Agreement) 
 
 def _shows_in_two_views(mistake: Mistake) -> bool:
     """Whether two views can tell this mistake from a limb that one of them does not see."""
-    return mistake.cause in _POSES or mistake.cause in ("turned by 90 degrees", "turned by 270 degrees")
+    return mistake.cause in _POSES or mistake.cause.startswith("turned by 90 degrees")
 
 
 def _repairs(rig: CameraRig) -> Iterator[tuple[Mistake, CameraRig]]:

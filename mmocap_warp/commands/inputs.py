@@ -225,7 +225,13 @@ def _others(scene: Scene, source: CameraSource) -> str | None:
 
 
 def look_first(
-    scene: Scene, body: BodyModel | None, reporter: Reporter, trust: bool, *, to_be_mended: bool = False
+    scene: Scene,
+    body: BodyModel | None,
+    reporter: Reporter,
+    trust: bool,
+    *,
+    start: Subject | None = None,
+    to_be_mended: bool = False,
 ) -> dict[str, str]:
     """See whether masks and calibration can be of one body before anything is tracked; doubts are noted.
 
@@ -234,6 +240,7 @@ def look_first(
         body: who is to be tracked; None where the size does not count.
         reporter: who is told of doubts.
         trust: go on even if they cannot.
+        start: the subject, where it is known.
         to_be_mended: small errors of cameras and times are about to be put right.
 
     Returns:
@@ -242,7 +249,7 @@ def look_first(
     Raises:
         InputError: they fit no body.
     """
-    looked = look(scene, body, to_be_mended=to_be_mended)
+    looked = look(scene, body, start=start, to_be_mended=to_be_mended)
     if looked.problem is not None and not trust:
         remedy = f"{looked.remedy}; or go on with --trust-cameras"
         raise InputError(scene.path, looked.problem, remedy)

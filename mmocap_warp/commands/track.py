@@ -112,7 +112,7 @@ def track(
     if subject is not None:
         subject = subject_from(subject)
     generic = body_from(body, loaded) if subject is None else subject.body
-    trusted = look_first(loaded, generic, reporter, trust_cameras)
+    trusted = look_first(loaded, generic, reporter, trust_cameras, start=subject)
     if subject is None:
         subject = _fitted(loaded, body, chosen, given, rigid, kept, reporter)
     start, notes = subject_carrying(subject, loaded.attached)

@@ -51,7 +51,7 @@ def looked(
     monkeypatch, rig: CameraRig, frames: Frames, of: BodyModel | None = None, *, to_be_mended: bool = False
 ) -> FirstLook:
     """What a look at a recording of these cameras and masks says."""
-    monkeypatch.setattr(first_look, "_few_masks", lambda scene, side: (rig, frames))
+    monkeypatch.setattr(first_look, "few_masks", lambda *given: (rig, frames))
     return look(walk()[0], of or body(), to_be_mended=to_be_mended)
 
 
@@ -132,8 +132,11 @@ FAULTS: dict[str, tuple[Fault, str]] = {
     "all mirrored": (changed(np.fliplr), "all cameras: pictures are mirrored,"),
     "one upside down": (changed(lambda mask: np.rot90(mask, 2), 1), "cam2: pictures are turned by 180"),
     "all upside down": (changed(lambda mask: np.rot90(mask, 2)), "all cameras: pictures are turned by 180"),
-    "one on its side": (changed(np.rot90, 1), "cam2: pictures are turned by 270"),
-    "all on their side": (changed(lambda mask: np.rot90(mask, 3)), "all cameras: pictures are turned by 90"),
+    "one on its side": (changed(np.rot90, 1), "cam2: pictures are turned by 90 degrees counterclockwise"),
+    "all on their side": (
+        changed(lambda mask: np.rot90(mask, 3)),
+        "all cameras: pictures are turned by 90 degrees clockwise",
+    ),
     "feet": (scaled(3.281), "as if feet had been read as metres"),
     "inches": (scaled(39.37), "as if inches had been read as metres"),
     "centimetres": (scaled(100), "as if centimetres had been read as metres"),

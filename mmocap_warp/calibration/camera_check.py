@@ -1,7 +1,8 @@
 """Which camera disagrees with the others, and why.
 
-Gross mistakes, such as a mirrored picture or the masks of another camera, show in two landmarks of each silhouette: of
-all ways to put one thing right, the check names the one after which the points meet. Smaller errors show in contours:
+Gross mistakes, such as a mirrored picture or the masks of another camera, show in the silhouettes' hull, and where
+cameras are somewhat off besides, in two landmarks of each silhouette: of all ways to put one thing right, the check
+names the one after which the views agree. Smaller errors show in contours:
 cameras, times, body and poses are adjusted together, and of all changes of one camera in one respect, the check names
 the one that alone explains most of what the adjustment gained.
 """
@@ -20,6 +21,8 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, CameraSolution, Person, Progress
 from mmocap_warp.calibration.adjust.camera_changes import CENTRE, FOCAL, KINDS, OFFSET, POSITION, ROTATION, changed
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
+from mmocap_warp.calibration.first_look import few_masks
+from mmocap_warp.calibration.gross_mistake import Mistake, Silhouettes, agreement, find_mistake
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.masks.observation import unpack_masks
@@ -50,12 +53,13 @@ class Finding:
 
     Attributes:
         camera: its name.
-        cause: one of ``CAUSES``, or ``mirrored``, ``image size`` or ``wrong file``.
+        cause: one of ``CAUSES``, or a gross one, such as ``mirrored``, ``image size`` or ``wrong file``.
         other: the camera whose masks or calibration it has, where the cause is a wrong file.
         change: (camera, parameter) that puts it right; None where no change of the parameters does.
         explained: share of all error that this explains, in 0 to 1.
         size: of the images over those that were calibrated, where that is the cause.
         others: causes that explain nearly as much.
+        mistake: what the silhouettes' hull says, where it names the cause.
     """
 
     camera: str
@@ -65,6 +69,13 @@ class Finding:
     explained: float = 1.0
     size: float | None = None
     others: tuple[str, ...] = ()
+    mistake: Mistake | None = None
+
+    @classmethod
+    def of(cls, mistake: Mistake) -> Finding:
+        """A gross mistake as a finding."""
+        camera, *other = mistake.cameras or ("all cameras",)
+        return cls(camera, mistake.cause, next(iter(other), None), size=mistake.size, mistake=mistake)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +143,10 @@ def check(
     covered = coherence(rig, observations[:: max(1, len(observations) // _FRAMES)])
     report("silhouettes", 0.1)
     # A gross mistake ends the check, because no body can be tracked with it.
-    gross = gross_mistake(rig, landmarks(rig, observations), footage.fps)
+    small, frames = few_masks(scene)
+    compared = [Silhouettes.of(masks) for masks in frames]
+    mistake = find_mistake(small, compared, agreement(small, compared))
+    gross = Finding.of(mistake) if mistake else gross_mistake(rig, landmarks(rig, observations), footage.fps)
     if gross is not None:
         return CameraCheck(rig.names, covered, None, (gross,), footage.scale)
     # Otherwise the person is tracked, and the cameras are adjusted.

@@ -53,6 +53,8 @@ def check(call: Any) -> Answer:
 
 def _finding_line(finding: Finding, result: CameraCheck) -> str:
     """A finding in words."""
+    if finding.mistake is not None:
+        return str(finding.mistake)
     if finding.cause == "mirrored":
         return f"{finding.camera}: its pictures are mirrored"
     if finding.cause == "wrong file":

@@ -25,7 +25,7 @@ _KNOWN = (*_TYPES, "tuple", "Literal")  # the command line has no parameter of a
 _FILES: dict[str, Any] = {"scene": SceneFile, "result": ResultFile}
 REQUIRED = Parameter.empty  # the default of a parameter that has none
 BY_PLACE, BY_FLAG, ANY_NUMBER = Parameter.POSITIONAL_ONLY, Parameter.KEYWORD_ONLY, Parameter.VAR_POSITIONAL
-_LAST = ("settings", "resume", "accept_changed_code", "force")  # the flags at the end
+_LAST = ("settings", "resume", "accept_changed_code", "trust_cameras", "force")  # the flags at the end
 
 
 class Given(NamedTuple):

@@ -24,7 +24,7 @@ from mmocap_warp.calibration.solve.solution import SolvedCameras
 from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
-from mmocap_warp.commands.inputs import Frames, body_from, scene_from
+from mmocap_warp.commands.inputs import Frames, body_from, look_first, scene_from
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
 from mmocap_warp.display.still_pictures import floor_picture
 from mmocap_warp.errors import UsageError
@@ -119,6 +119,7 @@ def sync(
     *,
     frames: Frames = None,
     within: float = 1.0,
+    trust_cameras: bool = False,
     write: bool = False,
     reporter: Reporter | None = None,
 ) -> Synchronisation:
@@ -130,14 +131,17 @@ def sync(
             scene names]
         within: the largest lag between two cameras, in seconds. Steps repeat themselves every half second, so for
             somebody who only walks, motion determines lags of less than half of that.
+        trust_cameras: go on even if masks and a calibration, where there is one, fit no body.
         write: put the offsets into the scene file if all of them are sure, and leave everything else in it as it is.
         reporter: who is told of progress.
 
     Raises:
         UsageError: ``within`` is no time.
-        InputError: a single camera, or one that shows nobody.
+        InputError: a single camera, or one that shows nobody, or masks and a calibration that fit no body.
     """
     loaded = scene_from(scene, frames, calibrated=False)
+    if loaded.calibration is not None and loaded.calibrated.placed:
+        look_first(loaded, None, reporter or Reporter(), trust_cameras, to_be_mended=True)
     with arguments_checked(), (reporter or Reporter()).stage("sync") as progress:
         synchronisation = synchronise(loaded, progress, within)
     if write and synchronisation.sure:
@@ -212,6 +216,7 @@ def refine_cameras(
     body: BodyModel | str | Path | None = None,
     frames: Frames = None,
     identity: int | None = None,
+    trust_cameras: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
     **settings: Any,
@@ -229,6 +234,7 @@ def refine_cameras(
         frames: which of the recording's frames: first:end or first:end:stride; 20 s of them are used. [default: those
             that the scene names]
         identity: of the person who is meant, where masks show several.
+        trust_cameras: go on even if masks and calibration fit no body for a reason that this does not mend.
         force: replace a file that exists.
         reporter: who is told of notes and progress.
         settings: of an ``AdjustConfig``: ``scale``, ``seed``, ``device``, ``threads``; and of ``Deviations``:
@@ -248,6 +254,8 @@ def refine_cameras(
         )
         config.check_names(loaded.calibrated.names)
     generic = body_from(body, loaded)
+    sized = None if height is not None or distance is not None else generic
+    look_first(loaded, sized, reporter, trust_cameras, to_be_mended=True)
     start_warp(config.device)
     with reporter.stage("refine", None) as progress:
         result = refinement.refine(loaded, generic, config, lambda stage, done: progress(round(100 * done), 100))

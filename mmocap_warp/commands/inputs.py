@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.calibration.first_look import look
 from mmocap_warp.commands.caller import Reporter, arguments_checked
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.truth_file import load_truth
@@ -196,6 +197,40 @@ def _others(scene: Scene, source: CameraSource) -> str | None:
         f"shows two blobs of about equal size ({larger} and {smaller} px), and one person is tracked at a time:"
         f" {remedy}, or make masks of one person (docs/masks.md)"
     )
+
+
+def look_first(
+    scene: Scene,
+    body: BodyModel | None,
+    reporter: Reporter,
+    trust: bool,
+    *,
+    start: Subject | None = None,
+    to_be_mended: bool = False,
+) -> dict[str, str]:
+    """See whether masks and calibration can be of one body before anything is tracked; doubts are noted.
+
+    Args:
+        scene: the recording.
+        body: who is to be tracked; None where the size does not count.
+        reporter: who is told of doubts.
+        trust: go on even if they cannot.
+        start: the subject, where it is known.
+        to_be_mended: small errors of cameras and times are about to be put right.
+
+    Returns:
+        What a result or a subject says of a problem that was not heeded, by the name of its entry.
+
+    Raises:
+        InputError: they fit no body.
+    """
+    looked = look(scene, body, start=start, to_be_mended=to_be_mended)
+    if looked.problem is not None and not trust:
+        remedy = f"{looked.remedy}; or go on with --trust-cameras"
+        raise InputError(scene.path, looked.problem, remedy)
+    for doubt in (*looked.doubts, *([f"{looked.problem}, and is trusted"] if looked.problem else [])):
+        reporter.note(f"cameras: {doubt}")
+    return {"trusted_cameras": looked.problem} if looked.problem else {}
 
 
 def span(frames: Sequence[int] | np.ndarray) -> str:

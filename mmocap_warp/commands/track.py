@@ -12,7 +12,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
-from mmocap_warp.commands.inputs import Frames, body_from, scene_from, scene_reference, truth_of
+from mmocap_warp.commands.inputs import Frames, body_from, look_first, scene_from, scene_reference, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
@@ -49,6 +49,7 @@ def fit(
     output: str | Path | None = None,
     frames: str | int | range | None = None,
     identity: int | None = None,
+    trust_cameras: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
     **settings: Any,
@@ -67,6 +68,7 @@ def fit(
         frames: which of the recording's frames: first:end or first:end:stride. A number is the setting of that name.
             [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
+        trust_cameras: go on even if masks and calibration fit no body; the subject says so.
         force: replace a file that exists.
         reporter: who is told of notes and progress.
         settings: fields of :class:`FitConfig` that replace those of ``config``, such as ``headings=4``.
@@ -84,8 +86,9 @@ def fit(
     generic = body_from(body, loaded)
     poses = _start_poses(start_poses, body, loaded)
     start_warp(chosen.device)
+    trusted = look_first(loaded, generic, reporter, trust_cameras)
     reporter.note(f"fit: {describe(chosen, loaded.fit if config is None else {}, settings)}")
-    return fit_subject(loaded, generic, chosen, file, reporter, poses)
+    return fit_subject(loaded, generic, chosen, file, reporter, trusted, poses)
 
 
 def _start_poses(
@@ -106,11 +109,13 @@ def fit_subject(
     config: FitConfig,
     output: Path | None,
     reporter: Reporter,
+    trusted: dict[str, str],
     start_poses: np.ndarray | None = None,
 ) -> Subject:
     """Fit a body to a scene, and write it where there is an ``output``; a note says where masks do not decide.
 
     ``start_poses`` (pose, coordinate) are those in which the recording may start; None for the body's usual ones.
+    ``trusted`` is what :func:`look_first` returned.
 
     Raises:
         InputError: the first frame's masks do not show one subject.
@@ -128,7 +133,8 @@ def fit_subject(
     if subject.provenance["fit.decided"] == "no":
         name = str(subject.provenance["fit.alternative"])
         reporter.note((_UNDECIDED if body.skeleton.stands else _UNDECIDED_LYING)[name])
-    subject = replace(subject, provenance={**subject.provenance, **scene_reference(scene, output, "fit.")})
+    facts = scene_reference(scene, output, "fit.") | {f"fit.{name}": problem for name, problem in trusted.items()}
+    subject = replace(subject, provenance={**subject.provenance, **facts})
     if output is not None:
         write_subject(output, subject)
     return subject
@@ -147,6 +153,7 @@ def track(
     identity: int | None = None,
     resume: bool = False,
     accept_changed_code: bool = False,
+    trust_cameras: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
     **settings: Any,
@@ -165,14 +172,15 @@ def track(
         identity: of the person who is meant, where masks show several.
         resume: continue an interrupted run; it ends with the same bits as one that was not interrupted.
         accept_changed_code: resume also where another version of the program began; its frames stay as they are.
+        trust_cameras: go on even if masks and calibration fit no body; the result says so.
         force: replace a result that exists.
         reporter: who is told of notes and progress.
         settings: fields of :class:`TrackConfig` that replace those of ``config``, such as ``evaluations=200``.
 
     Raises:
         UsageError: a setting that cannot be. TypeError: one that does not exist, or what is no subject and no body.
-        InputError: anything wrong with the scene's images, the subject or the body; an interrupted run lies there and
-            neither ``resume`` nor ``force`` says what to do with it.
+        InputError: anything wrong with the scene's images, the subject or the body, or masks and calibration that fit
+            no body; an interrupted run lies there and neither ``resume`` nor ``force`` says what to do with it.
     """
     reporter = reporter or Reporter()
     if resume and force:
@@ -204,9 +212,12 @@ def track(
         subject = loaded.subject
     if subject is None and resume and kept is not None and kept.exists():
         subject = kept
+    if isinstance(subject, str | Path):
+        subject = read_subject(subject)
+    generic = body_from(body, loaded) if subject is None else subject.body
+    trusted = look_first(loaded, generic, reporter, trust_cameras, start=subject)
     if subject is None:
-        subject = _fitted(loaded, body, chosen, given, rigid, kept, reporter)
-    subject = subject if isinstance(subject, Subject) else read_subject(subject)
+        subject = _fitted(loaded, generic, chosen, given, rigid, kept, trusted, reporter)
     start, notes = subject_carrying(subject, loaded.attached)
     for note in notes:
         reporter.note(f"attach: {note}")
@@ -216,7 +227,7 @@ def track(
 
     resumption = {"checkpoint": checkpoint, "resume": resume, "accept_changed_code": accept_changed_code}
     tracked = _tracked(loaded, start, chosen, reporter, **resumption)
-    tracked = replace(tracked, config=tracked.config | scene_reference(loaded, file))
+    tracked = replace(tracked, config=tracked.config | scene_reference(loaded, file) | trusted)
     if file is not None and checkpoint is not None:
         write_result(file, tracked)
         checkpoint.unlink(missing_ok=True)
@@ -237,11 +248,12 @@ def _starts_from(
 
 def _fitted(
     scene: Scene,
-    body: BodyModel | str | Path | None,
+    generic: BodyModel,
     config: TrackConfig,
     given: dict[str, Any],
     rigid: bool | None,
     output: Path | None,
+    trusted: dict[str, str],
     reporter: Reporter,
 ) -> Subject:
     """A subject fitted to the scene, and kept beside the result."""
@@ -249,10 +261,9 @@ def _fitted(
     settings = {name: value for name, value in settings.items() if value is not None}
     fit = effective(FitConfig, scene.settings("fit"), settings)
     stated = {name: value for name, value in settings.items() if name == "rigid" or name in given}
-    generic = body_from(body, scene)
     _check_model(generic, scene, config, given)
     reporter.note(f"fit: {describe(fit, scene.fit, stated)}")
-    subject = fit_subject(scene, generic, fit, output, reporter)
+    subject = fit_subject(scene, generic, fit, output, reporter, trusted)
     return subject if output is None else read_subject(output)  # as a resumed run will find it, to the last bit
 
 

@@ -56,9 +56,19 @@ def meeting_point(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
 
     The reweighting (Cauchy, 0.3 m) keeps one camera with a wrong mask from pulling the point away.
     """
+    return meeting_point_of(rig, np.array([mask_centroid(mask) for mask in masks]))
+
+
+def mask_centroid(mask: np.ndarray) -> tuple[float, float]:
+    """Column and row of a mask's centroid [px]."""
+    row, column = (axis.mean() for axis in np.nonzero(mask))
+    return column, row
+
+
+def meeting_point_of(rig: CameraRig, pixels: np.ndarray) -> np.ndarray:
+    """As :func:`meeting_point`, of the rays through pixels (camera, 2)."""
     centres, rays = rig.centres, np.empty((len(rig), 3))
-    for k, mask in enumerate(masks):
-        row, column = (axis.mean() for axis in np.nonzero(mask))
+    for k, (column, row) in enumerate(pixels):
         ray = rig.R[k].T @ np.linalg.solve(rig.K[k], [column, row, 1.0])
         rays[k] = ray / np.linalg.norm(ray)
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # projects onto the plane across the ray
@@ -172,7 +182,13 @@ def fill_enclosed(mask: np.ndarray) -> np.ndarray:
 
 
 def hull_thickness(
-    rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], pixels: np.ndarray, depth: float
+    rig: CameraRig,
+    masks: list[np.ndarray],
+    k: int,
+    others: list[int],
+    pixels: np.ndarray,
+    depth: float,
+    least: int = 2,
 ) -> np.ndarray:
     """Length of the rays through camera ``k``'s pixels that lies inside the other cameras' silhouettes [m].
 
@@ -180,9 +196,10 @@ def hull_thickness(
         rig: undistorted pinholes, as the masks.
         masks: per camera (height, width) bool.
         k: the camera.
-        others: cameras that judge; one whose image a point misses does not judge it, but two must.
+        others: cameras that judge; one whose image a point misses does not judge it, but ``least`` must.
         pixels: (n, 2) column and row.
         depth: about which the rays are followed [m].
+        least: how many others must see a point.
 
     Returns:
         (n,) float [m].
@@ -204,5 +221,5 @@ def hull_thickness(
         hit = masks[j].ravel()[np.where(inside, row * width + column, 0).astype(np.int32)] & inside
         agree += hit
         possible &= hit | ~inside
-    count = (possible & (agree >= 2)).sum(axis=1)
+    count = (possible & (agree >= least)).sum(axis=1)
     return count * _STEP * np.linalg.norm(rays, axis=1)

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Protocol, TypeVar
 
+from mmocap_warp.masks.frames import VideoFile
+
 
 @dataclass(frozen=True)
 class FrameChoice:
@@ -95,7 +97,8 @@ def frames_by_number(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) 
         if frames is None or not 0 <= number < len(frames):
             yield None
             continue
-        if reader is None:
+        # Images of a folder can be skipped; a video must be decoded in order.
+        if reader is None or (number > last + 1 and not isinstance(frames, VideoFile)):
             reader, last = frames.read(number), number - 1
         while last < number:
             image, last = next(reader), last + 1

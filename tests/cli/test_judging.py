@@ -16,6 +16,7 @@ from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.cli import console
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.tracker import Tracker
 
@@ -64,7 +65,10 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
 
 def test_show_subtracts_nothing_that_was_tracked(tmp_path, monkeypatch):
     scene = write_scene(tmp_path, 'source = "clean_plate"')
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
+    # So small a body is cleaned away as a speck, and what stands beside it is no body.
+    arguments = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet", "--trust-cameras"]
+    assert cli.main(arguments) == console.OK
+    assert "no common hull" in read_result(tmp_path / "r.usdc").config["trusted_cameras"]
     monkeypatch.delattr("mmocap_warp.masks.subtraction.GaussianBackground.foreground")
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
     assert (tmp_path / "r.webm").is_file()

@@ -30,12 +30,10 @@ class Format:
     folder: str = ""  # what a folder that may stand for its files holds, as a pattern; empty where none may
     # Of an export: the vertical that the format prescribes, or that its readers assume; None where the file says it.
     up: str | None = None
-    # Of a calibration: whether neither its files nor its writers' custom say the unit of its lengths.
-    open_units: bool = False
+    open_units: bool = False  # of a calibration: whether neither its files nor its writers' custom say its unit
     open_sizes: bool = False  # of a calibration: whether it may leave out how large the images are
     beside: tuple[str, ...] = ()  # names of further files that a calibration of it is written to
-    # Of a calibration that may say nothing of where cameras stand: the function that reads such a file.
-    lenses: str = ""
+    lenses: str = ""  # of a calibration that may lack the cameras' places: the function that reads such a file
 
     def matches(self, path: Path) -> bool:
         """Whether a file of this name, or this folder, has the format."""

@@ -170,7 +170,7 @@ def test_a_straight_walk_has_one_rigid_motion():
 def test_tangents_of_true_cameras_agree():
     seen = hulls(people_before(RIG, polytopes(way())))
     tangents = find_tangents(pinholes(RIG), seen)
-    assert len(tangents.first) + tangents.missing == 2 * 6 * 40
+    assert len(tangents.frame) + tangents.missing == 2 * 6 * 40
     assert np.abs(residuals(pinholes(RIG), tangents)).max() < 1e-3
 
 

@@ -82,7 +82,7 @@ class Adjustment:
         self.scene, self.config, self._body = scene, config, body
         self.device = resolve_device(config.device)
         self.threads = config.threads or available_threads()
-        self.footage = Footage.of(scene, config.scale)
+        self.footage = Footage(scene, config.scale)
         self.given = self.footage.rig
         self.space = RestSpace(body)
         self.sigma = config.deviations.of(self.given)

@@ -10,7 +10,6 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.rotations import between, transposed
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.scene.recording import Scene
@@ -22,44 +21,28 @@ MIN_FRAMES = 4
 """Frames that cameras are solved from, and frames that judge them, at least."""
 
 
-@dataclass(frozen=True)
 class Footage:
     """A recording's masks, read again whenever its cameras' times change.
 
     The masks are read without repair, because repairing them would need the calibration that is in doubt.
 
     Attributes:
-        scene: the recording.
-        scale: of masks and cameras.
+        scale: of masks and cameras; by default images are at most 640 pixels long.
+        rig: the cameras as they were calibrated, at the masks' size.
+        fps: of the frames that are used.
     """
 
-    scene: Scene
-    scale: float
-
-    @classmethod
-    def of(cls, scene: Scene, scale: float | None = None) -> Footage:
-        """The footage of a scene, by default in images at most 640 pixels long."""
-        unrepaired = replace(scene, foreground=replace(scene.foreground, repair=False))
-        return cls(unrepaired, scale or min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max())))
-
-    @property
-    def rig(self) -> CameraRig:
-        """The cameras as they were calibrated, at the masks' size."""
-        return self.scene.rig(self.scale)
-
-    @property
-    def fps(self) -> float:
-        """Frames per second of the frames that are used."""
-        return self.scene.rate / self._step
-
-    @property
-    def _step(self) -> int:
-        return max(1, int(self.scene.rate / _RATE))
+    def __init__(self, scene: Scene, scale: float | None = None) -> None:
+        self._scene = replace(scene, foreground=replace(scene.foreground, repair=False))
+        self.scale = scale or min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max()))
+        self.rig = scene.rig(self.scale)
+        self._step = max(1, int(scene.rate / _RATE))
+        self.fps = scene.rate / self._step
 
     def _first_frames(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(camera,) the number of each camera's first frame, if offsets grow by ``offset``, and the rest [s]."""
-        fps = self.scene.fps * np.array([source.rate for source in self.scene.cameras])
-        total = offset + np.array([source.frame_offset + source.fraction for source in self.scene.cameras]) / fps
+        fps = self._scene.fps * np.array([source.rate for source in self._scene.cameras])
+        total = offset + np.array([source.frame_offset + source.fraction for source in self._scene.cameras]) / fps
         whole = np.rint(total * fps).astype(int)
         return whole, total - whole / fps
 
@@ -75,9 +58,9 @@ class Footage:
         """
         shifted = tuple(
             replace(source, frame_offset=int(frames), fraction=0.0)
-            for source, frames in zip(self.scene.cameras, self._first_frames(offset)[0], strict=True)
+            for source, frames in zip(self._scene.cameras, self._first_frames(offset)[0], strict=True)
         )
-        scene = replace(self.scene, cameras=shifted)
+        scene = replace(self._scene, cameras=shifted)
         count = min(scene.frame_count, max(1, round(_MAX_SECONDS * scene.rate)))
         masks = islice(scene.masks(self.scale, count=count), 0, None, self._step)
         return [Observation.from_masks(views) for views in masks]

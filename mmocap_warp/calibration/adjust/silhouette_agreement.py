@@ -44,7 +44,7 @@ def coherence(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray
 
 
 def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray:
-    """(camera,) the shares in one frame; NaN where a view, or fewer than three views, see anybody."""
+    """(camera,) the shares in one frame; NaN where a view sees nobody, or fewer than three views see anybody."""
     share = np.full(len(rig), np.nan)
     seeing = np.flatnonzero(observation.foreground > 0).tolist()
     if len(seeing) < 3:

@@ -80,11 +80,8 @@ class Refinement:
     @property
     def better(self) -> bool:
         """Whether frames that had no part are explained better, all views together and each by the others alone."""
-        gains = [
-            float(np.nanmean(after) - np.nanmean(before))
-            for before, after in ((self.before.together, self.after.together), (self.before.apart, self.after.apart))
-        ]
-        return bool(self.moved.any()) and min(gains) > 0
+        pairs = (self.before.together, self.after.together), (self.before.apart, self.after.apart)
+        return bool(self.moved.any()) and all(np.nanmean(after) > np.nanmean(before) for before, after in pairs)
 
     def offsets(self, scene: Scene) -> dict[str, float]:
         """The delay of each camera of the refined scene with the changes, as a scene file states it [s]."""

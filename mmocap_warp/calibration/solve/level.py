@@ -55,8 +55,8 @@ def head_and_foot_points(cameras: Pinholes, people: list[PersonInView]) -> tuple
     """Points of the head (n, 3) that two views agree on, their frames (n,), and the same of the feet."""
     tangents = find_tangents(cameras, convex_hulls(people))
     # The middle between the two rays of each tangent.
-    a, b = cameras.rays(tangents.first, tangents.pixel[0]), cameras.rays(tangents.second, tangents.pixel[1])
-    from_a, from_b = cameras.centre[tangents.first], cameras.centre[tangents.second]
+    a, b = cameras.rays(tangents.camera, tangents.pixel)
+    from_a, from_b = cameras.centre[tangents.camera]
     line = from_b - from_a
     cosine, on_a, on_b = (np.einsum("ni,ni->n", *pair) for pair in ((a, b), (line, a), (line, b)))
     sine = np.maximum(1 - cosine**2, 1e-12)
@@ -66,9 +66,8 @@ def head_and_foot_points(cameras: Pinholes, people: list[PersonInView]) -> tuple
     meet = (sine > _MIN_SINE**2) & (far_a > 0) & (far_b > 0) & (np.abs(residuals(cameras, tangents)) < MAX_MISS)
     # Where between foot and head both views' points lie: 0 at the foot's height, 1 at the head's.
     head, foot = (np.stack([getattr(each, end) for each in people]) for end in ("head", "foot"))
-    camera = np.stack([tangents.first, tangents.second])
-    bottom = foot[camera, tangents.frame]
-    upwards = head[camera, tangents.frame] - bottom
+    bottom = foot[tangents.camera, tangents.frame]
+    upwards = head[tangents.camera, tangents.frame] - bottom
     share = ((tangents.pixel - bottom) * upwards).sum(axis=-1) / (upwards**2).sum(axis=-1)  # (view, n)
     at_head, at_foot = (meet & np.all(end, axis=0) for end in (share > 1 - _END_SHARE, share < _END_SHARE))
     return middle[at_head], tangents.frame[at_head], middle[at_foot], tangents.frame[at_foot]

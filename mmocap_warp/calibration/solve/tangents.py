@@ -64,21 +64,20 @@ class Tangents:
     """Points of two silhouettes where a plane through both cameras touches them.
 
     Attributes:
-        first, second: (n,) int, the cameras.
+        camera: (2, n) int, the first and the second camera.
         frame: (n,) int.
         pixel: (2, n, 2), the point in the first and the second view [px].
         missing: tangents that do not exist because a silhouette surrounds the line through two cameras.
     """
 
-    first: np.ndarray
-    second: np.ndarray
+    camera: np.ndarray
     frame: np.ndarray
     pixel: np.ndarray
     missing: int = 0
 
     def in_view(self, k: int) -> np.ndarray:
         """(n,) bool: the tangents of which one point is in this view."""
-        return (self.first == k) | (self.second == k)
+        return (self.camera == k).any(axis=0)
 
 
 def find_tangents(cameras: Pinholes, hulls: np.ndarray) -> Tangents:
@@ -91,7 +90,7 @@ def find_tangents(cameras: Pinholes, hulls: np.ndarray) -> Tangents:
     filled = np.where(seen[..., None, None], hulls, 0.0)
     rays = np.stack([cameras.rays(np.full(one.shape[:2], k), one) for k, one in enumerate(filled)])
     towards = rays.mean(axis=2)
-    indices, pixels, missing = [], [], 0
+    pairs, numbers, pixels, missing = [], [], [], 0
     for i, j in combinations(range(len(hulls)), 2):
         frames = np.flatnonzero(seen[i] & seen[j])
         if not len(frames):
@@ -113,16 +112,15 @@ def find_tangents(cameras: Pinholes, hulls: np.ndarray) -> Tangents:
         frames, ends = frames[narrow], [each[:, narrow] for each in ends]
         corners = zip((i, j), ends, strict=True)
         pixels.append(np.stack([hulls[k][np.tile(frames, 2), corner.ravel()] for k, corner in corners]))
-        count = 2 * len(frames)
-        indices.append((np.full(count, i), np.full(count, j), np.tile(frames, 2)))
-    first, second, frame = map(np.concatenate, zip(*indices, strict=True))
-    return Tangents(first, second, frame, np.concatenate(pixels, axis=1), missing)
+        pairs.append(np.repeat([[i], [j]], 2 * len(frames), axis=1))
+        numbers.append(np.tile(frames, 2))
+    return Tangents(np.concatenate(pairs, axis=1), np.concatenate(numbers), np.concatenate(pixels, axis=1), missing)
 
 
 def residuals(cameras: Pinholes, tangents: Tangents) -> np.ndarray:
     """(n,), the angle between the planes through the two views' points, in pixels that both views share."""
-    i, j = tangents.first, tangents.second
-    a, b = cameras.rays(i, tangents.pixel[0]), cameras.rays(j, tangents.pixel[1])
+    a, b = cameras.rays(tangents.camera, tangents.pixel)
+    i, j = tangents.camera
     line = cameras.centre[j] - cameras.centre[i]
     line = line / np.linalg.norm(line, axis=-1, keepdims=True)
     along_a, along_b = (np.einsum("ni,ni->n", each, line) for each in (a, b))
@@ -195,7 +193,7 @@ def _normal_equations(
     rows = np.zeros((len(now), count, 7))
     for k in range(count):
         mine = tangents.in_view(k)
-        part = Tangents(tangents.first[mine], tangents.second[mine], tangents.frame[mine], tangents.pixel[:, mine])
+        part = Tangents(tangents.camera[:, mine], tangents.frame[mine], tangents.pixel[:, mine])
         for column in range(7 if free_focal[k] else 6):
             step = np.zeros((count, 7))
             step[k, column] = _NUDGE

@@ -197,7 +197,8 @@ class HullAgreement:
         starts[0] = 0
         ends = [self._settle(self._about + start) for start in starts]
         best = max(ends, key=self.fit)
-        return best, max(int(np.abs(_centred(end) - _centred(best)).max()) for end in ends)
+        centred = [end - int(np.median(end)) for end in (best, *ends)]
+        return best, max(int(np.abs(end - centred[0]).max()) for end in centred)
 
     def _settle(self, offsets: np.ndarray) -> np.ndarray:
         """The end of a start, shifted so that all ends lie alike: the frames that judge depend on that."""
@@ -230,7 +231,3 @@ def _smooth_mean(shares: np.ndarray) -> np.ndarray:
     known = np.isfinite(shares)
     mean = np.where(known, shares, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     return np.convolve(np.pad(mean, 1, mode="edge"), (0.25, 0.5, 0.25), "valid")
-
-
-def _centred(offsets: np.ndarray) -> np.ndarray:
-    return offsets - int(np.median(offsets))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.biomechanics.segments import SEGMENTS, has_joints, segment_axes
+from mmocap_warp.biomechanics.segments import SEGMENTS, segment_axes
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
@@ -128,7 +128,7 @@ def _all_joints() -> Iterator[tuple[str, tuple[str, str]]]:
 
 
 def _available_joints(body: BodyModel) -> list[tuple[str, tuple[str, str]]]:
-    known = {name for name, segment in SEGMENTS.items() if has_joints(body.skeleton, segment.joints)}
+    known = {name for name, segment in SEGMENTS.items() if {*segment.joints} <= {*body.skeleton.joints}}
     return [(joint, names) for joint, names in _all_joints() if known.issuperset(names)]
 
 

@@ -11,14 +11,12 @@ shank to the ankle's centre.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.skeleton import Skeleton
 
 _UPRIGHT = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 """x, y and z in columns, of a segment that stands as the body does: facing body z, its left side at body x."""
@@ -91,11 +89,6 @@ SEGMENTS: dict[str, Segment] = {
     **_of_side("R"),
 }
 """By name; those of a side begin with ``L`` or ``R``."""
-
-
-def has_joints(skeleton: Skeleton, names: Iterable[str]) -> bool:
-    """Whether a skeleton has all these joints."""
-    return set(names) <= set(skeleton.joints)
 
 
 def segment_axes(body: BodyModel, transforms: np.ndarray, name: str) -> np.ndarray:
@@ -175,7 +168,7 @@ def centre_of_mass(body: BodyModel, transforms: np.ndarray, sex: Sex | None = No
         transforms: (frame, joint, 4, 4), of its joints in the world.
         sex: whose shares to take; the mean of both where it is not known.
     """
-    if not has_joints(body.skeleton, ["Neck", *(side + name for side in "LR" for name in _JOINTS_OF_SIDE)]):
+    if not {"Neck", *(side + name for side in "LR" for name in _JOINTS_OF_SIDE)} <= {*body.skeleton.joints}:
         return None
     weights = {"female": (1.0, 0.0), "male": (0.0, 1.0), None: (0.5, 0.5)}[sex]
     total, centre = 0.0, np.zeros((len(transforms), 3))

@@ -158,25 +158,29 @@ def _next_frame(capture: cv2.VideoCapture, decoded: bool) -> tuple[bool, np.ndar
 
 def read_image(path: Path) -> np.ndarray:
     """An image file, unchanged."""
-    if not os.path.isfile(path):
-        raise InputError(path, "no such file", "check the path; it is relative to the scene file")
+    return decode_image(read_bytes(path), path)
+
+
+def read_bytes(path: Path) -> bytes:
+    """A file's content.
+
+    Raises:
+        InputError: there is no such file, or it cannot be read.
+    """
     try:
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    except cv2.error:  # its header states a size beyond all bounds
-        image = None
-    return _check_image(image, path)
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "check the path; it is relative to the scene file") from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error})", "check its permissions") from None
 
 
 def decode_image(data: bytes, source: object) -> np.ndarray:
     """An image file's content, unchanged; ``source`` names it in messages."""
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    except cv2.error:
+    except cv2.error:  # its header states a size beyond all bounds
         image = None
-    return _check_image(image, source)
-
-
-def _check_image(image: np.ndarray | None, source: object) -> np.ndarray:
     if image is None:
         raise InputError(source, "cannot be decoded as an image", "convert it to PNG")
     if image.dtype not in (np.uint8, np.uint16):

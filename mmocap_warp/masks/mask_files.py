@@ -20,6 +20,7 @@ from mmocap_warp.masks.frames import (
     evenly_spread,
     images_in_order,
     open_frames,
+    read_bytes,
 )
 from mmocap_warp.masks.mask_image import Labels, palette_labels
 from mmocap_warp.masks.rle_masks import RleMasks, open_rle
@@ -82,15 +83,7 @@ def open_masks(path: Path) -> Masks:
 
 
 def _read(path: Path, member: Path | TarMember) -> np.ndarray | Labels:
-    if isinstance(member, TarMember):
-        data = read_member(path, member)
-    else:
-        try:
-            data = member.read_bytes()
-        except FileNotFoundError:
-            raise InputError(member, "no such file", "check the path; it is relative to the scene file") from None
-        except OSError as error:
-            raise InputError(member, f"cannot be read ({error})", "check its permissions") from None
+    data = read_member(path, member) if isinstance(member, TarMember) else read_bytes(member)
     labels = palette_labels(data)
     return decode_image(data, _name(path, member)) if labels is None else labels
 

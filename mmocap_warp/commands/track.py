@@ -258,6 +258,7 @@ def _fitted(
 ) -> Subject:
     """A subject fitted to the scene, and kept beside the result."""
     settings = {"rigid": rigid, "device": config.device, "threads": config.threads}
+    settings["seed"] = config.seed if "seed" in given else None  # else the scene's own of its [fit] table holds
     settings = {name: value for name, value in settings.items() if value is not None}
     fit = effective(FitConfig, scene.settings("fit"), settings)
     stated = {name: value for name, value in settings.items() if name == "rigid" or name in given}

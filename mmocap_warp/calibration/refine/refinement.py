@@ -186,11 +186,7 @@ def _held_out_overlaps(adjustment: Adjustment, person: Person, beta: np.ndarray,
 
 
 def _mean_overlap(
-    problem: CameraProblem,
-    solution: CameraSolution,
-    k: int,
-    velocity: np.ndarray,
-    observations: Sequence[Observation],
+    problem: CameraProblem, solution: CameraSolution, k: int, velocity: np.ndarray, observations: Sequence[Observation]
 ) -> float:
     """Mean overlap of a view's masks with the body; NaN where it sees nobody."""
     # The body as it was when the view's images were taken.

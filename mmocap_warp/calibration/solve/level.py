@@ -42,8 +42,11 @@ def level_world(cameras: Pinholes, people: list[PersonInView], stature: float) -
             f"{_MIN_POINTS} of each are needed for the floor; record more steps, or check that the cameras are "
             "synchronous"
         )
+    # The person's axis from feet to head, the median over frames that show both; upwards where none does.
+    both = np.intersect1d(head_frame, foot_frame)
+    axes = [heads[head_frame == frame].mean(axis=0) - feet[foot_frame == frame].mean(axis=0) for frame in both]
+    upright = np.median(axes, axis=0) if axes else np.array([0.0, 0.0, 1.0])
     # The rotation that makes both planes level, and the scale that puts the heads at their height over the floor.
-    upright = _person_axis(heads, head_frame, feet, foot_frame)
     turn, feet_height, top = _fit_two_planes(heads, feet, upright)
     scale = (stature - _SOLE) / (top - feet_height)
     floor = feet_height - _SOLE / scale
@@ -71,15 +74,6 @@ def head_and_foot_points(cameras: Pinholes, people: list[PersonInView]) -> tuple
     share = ((tangents.pixel - bottom) * upwards).sum(axis=-1) / (upwards**2).sum(axis=-1)  # (view, n)
     at_head, at_foot = (meet & np.all(end, axis=0) for end in (share > 1 - _END_SHARE, share < _END_SHARE))
     return middle[at_head], tangents.frame[at_head], middle[at_foot], tangents.frame[at_foot]
-
-
-def _person_axis(heads: np.ndarray, head_frame: np.ndarray, feet: np.ndarray, foot_frame: np.ndarray) -> np.ndarray:
-    """(3,), from feet to head in the mean over frames that show both; upwards where none does."""
-    both = np.intersect1d(head_frame, foot_frame)
-    if not len(both):
-        return np.array([0.0, 0.0, 1.0])
-    axes = [heads[head_frame == frame].mean(axis=0) - feet[foot_frame == frame].mean(axis=0) for frame in both]
-    return np.median(axes, axis=0)
 
 
 def _fit_two_planes(heads: np.ndarray, feet: np.ndarray, upright: np.ndarray) -> tuple[np.ndarray, float, float]:

@@ -60,12 +60,11 @@ class PairScores:
         """
         candidates = np.arange(-self.reach, self.reach + 1)
         total, count = np.zeros(len(candidates)), np.zeros(len(candidates))
-        for other in range(len(offsets)):
-            if other != view:
-                lag = candidates - offsets[other] + self.reach
-                within = (lag >= 0) & (lag <= 2 * self.reach)
-                total[within] += self.score[other, view, lag[within]]
-                count += within
+        for other in np.delete(np.arange(len(offsets)), view):
+            lag = candidates - offsets[other] + self.reach
+            within = (lag >= 0) & (lag <= 2 * self.reach)
+            total[within] += self.score[other, view, lag[within]]
+            count += within
         return np.where(count > 0, total / np.maximum(count, 1), -np.inf)
 
 

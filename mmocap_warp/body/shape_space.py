@@ -82,11 +82,8 @@ class ShapeSpace:
         """Of each slider at +1 and at -1, from per-target displacements (target, point, 3)."""
         moved = np.concatenate([of, np.zeros((1, *of.shape[1:]), of.dtype)])  # the last is of a side that has no target
         number: dict[str | None, int] = {name: i for i, name in enumerate(self.body.shape_names)}
-
-        def side(k: int) -> np.ndarray:
-            return moved[[number.get(slider[k], -1) for slider in self.sliders]]
-
-        return side(1), side(2)
+        increase, decrease = (moved[[number.get(slider[side], -1) for slider in self.sliders]] for side in (1, 2))
+        return increase, decrease
 
     def limits(self, pose_limits: np.ndarray) -> np.ndarray:
         """(coordinate, 2): the pose's limits, sliders to 1.5 times their targets, scale between 0.5 and 1.6."""

@@ -139,9 +139,7 @@ class Objective:
 
     def prepare(self, runs: int, index: np.ndarray) -> None:
         """Allocate what :meth:`hold` needs for so many runs and these coordinates."""
-        key = (runs, np.asarray(index).tobytes())
-        if key not in self._splits:
-            self._splits[key] = self._split_at(runs, index)
+        self._split_at(runs, index)
 
     def hold(self, base: wp.array[wp.float32], index: np.ndarray) -> None:
         """From now on candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone.
@@ -150,8 +148,7 @@ class Objective:
         """
         self.release()
         runs = base.shape[0]
-        self.prepare(runs, index)
-        split = self._splits[runs, np.asarray(index).tobytes()]
+        split = self._split_at(runs, index)
         if split is None:
             return
         self._check_room(runs)
@@ -183,8 +180,12 @@ class Objective:
             raise ValueError(f"candidates must be in 1..{self.candidates}, got {candidates}")
 
     def _split_at(self, runs: int, index: np.ndarray) -> _Split | None:
-        pieces = None if self._shapes else self._silhouettes.split(self._skeleton, index)
-        return None if pieces is None else _Split(*pieces, self._silhouettes.make_frozen(runs))
+        """Made once for so many runs and these coordinates; None where nothing rests, or nothing moves."""
+        key = (runs, np.asarray(index).tobytes())
+        if key not in self._splits:
+            pieces = None if self._shapes else self._silhouettes.split(self._skeleton, index)
+            self._splits[key] = None if pieces is None else _Split(*pieces, self._silhouettes.make_frozen(runs))
+        return self._splits[key]
 
     def _pose(self, vertex: wp.array[wp.int32], batch: Batch) -> None:
         """Pose the joints of a batch's candidates, and these vertices."""

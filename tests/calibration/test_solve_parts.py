@@ -18,7 +18,7 @@ from mmocap_warp.calibration.solve.floor_views import (
     standing_view,
 )
 from mmocap_warp.calibration.solve.level import level_world
-from mmocap_warp.calibration.solve.person_axis import CORNERS, PersonInView, person_in_views
+from mmocap_warp.calibration.solve.person_axis import CORNERS, PersonInViews, person_in_views
 from mmocap_warp.calibration.solve.tangents import Pinholes, find_tangents, residuals, solve_tangents
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.masks.observation import Observation
@@ -61,26 +61,19 @@ def polytopes(places: np.ndarray) -> np.ndarray:
     return np.stack([corners @ turn("z", 0.7 * frame).T + place for frame, place in enumerate(places)])
 
 
-def people_before(rig: CameraRig, bodies: np.ndarray) -> list[PersonInView]:
+def person_before(rig: CameraRig, bodies: np.ndarray) -> PersonInViews:
     """The hulls of the bodies' corners, exactly, and their axes."""
-    people = []
+    hull = np.full((len(rig), len(bodies), CORNERS, 2), np.nan)
     for k in range(len(rig)):
         camera = rig.select((rig.names[k],))
-        hull = np.full((len(bodies), CORNERS, 2), np.nan)
         for frame, body in enumerate(bodies):
             corners = cv2.convexHull(project(camera, body)[0].astype(np.float32))[:, 0]
-            hull[frame] = np.concatenate([corners, np.repeat(corners[-1:], CORNERS - len(corners), axis=0)])
-        foot = bodies[:, 0] * [1.0, 1.0, 0.0]
-        people.append(PersonInView(project(camera, bodies[:, 0])[0], project(camera, foot)[0], hull))
-    return people
+            hull[k, frame] = np.concatenate([corners, np.repeat(corners[-1:], CORNERS - len(corners), axis=0)])
+    return PersonInViews(project(rig, bodies[:, 0]), project(rig, bodies[:, 0] * [1.0, 1.0, 0.0]), hull)
 
 
 def pinholes(rig: CameraRig) -> Pinholes:
     return Pinholes(rig.R, rig.centres, rig.K[:, [0, 1], [0, 1]], rig.K[:, :2, 2])
-
-
-def hulls(people: list[PersonInView]) -> np.ndarray:
-    return np.stack([person.hull for person in people])
 
 
 def figure(*more: tuple[slice, slice]) -> np.ndarray:
@@ -92,17 +85,16 @@ def figure(*more: tuple[slice, slice]) -> np.ndarray:
     return mask
 
 
-def seen_in(*masks: np.ndarray) -> PersonInView:
-    size = np.array([[160, 200]])
-    return person_in_views([Observation.from_masks([mask]) for mask in masks], size)[0]
+def seen_in(*masks: np.ndarray) -> PersonInViews:
+    return person_in_views([Observation.from_masks([mask]) for mask in masks], np.array([[160, 200]]))
 
 
 def test_head_and_foot_are_the_ends_of_the_axis():
     person = seen_in(figure())
-    np.testing.assert_allclose(person.head, [[80.0, 39.5]], atol=1e-9)
-    np.testing.assert_allclose(person.foot, [[80.0, 179.5]], atol=1e-9)
+    np.testing.assert_allclose(person.head, [[[80.0, 39.5]]], atol=1e-9)
+    np.testing.assert_allclose(person.foot, [[[80.0, 179.5]]], atol=1e-9)
     assert np.isfinite(person.hull).all()
-    assert np.abs(person.hull[0].min(axis=0) - [64.5, 39.5]).max() < 0.5
+    assert np.abs(person.hull[0, 0].min(axis=0) - [64.5, 39.5]).max() < 0.5
 
 
 def test_specks_are_none_of_the_person():
@@ -114,7 +106,7 @@ def test_specks_are_none_of_the_person():
 def test_who_is_cut_off_missing_or_no_upright_figure_is_not_seen():
     cut, none, ball = figure((slice(0, 40), slice(78, 82))), np.zeros((200, 160), bool), np.zeros((200, 160), bool)
     cv2.circle(ball.view(np.uint8), (80, 100), 40, 1, -1)
-    np.testing.assert_array_equal(seen_in(figure(), cut, none, ball).whole, [True, False, False, False])
+    np.testing.assert_array_equal(seen_in(figure(), cut, none, ball).whole, [[True, False, False, False]])
 
 
 def test_a_stick_that_walks_tells_how_its_camera_stands():
@@ -122,7 +114,7 @@ def test_a_stick_that_walks_tells_how_its_camera_stands():
     for k, (_, _, height, _, _) in enumerate(PLACES):
         camera = RIG.select((RIG.names[k],))
         head, foot = project(camera, feet + STATURE * np.eye(3)[2])[0], project(camera, feet)[0]
-        view = standing_view("a", PersonInView(head, foot, np.zeros((40, CORNERS, 2))), RIG.K[k], STATURE)
+        view = standing_view("a", head, foot, RIG.K[k], STATURE)
         assert view.height == pytest.approx(height, abs=1e-5)
         np.testing.assert_allclose(view.R[:, 2], RIG.R[k] @ [0, 0, 1], atol=1e-6)
         distance = np.linalg.norm(feet[:, :2] - RIG.centres[k, :2], axis=1)
@@ -131,8 +123,9 @@ def test_a_stick_that_walks_tells_how_its_camera_stands():
 
 def test_one_walk_places_all_views_on_one_floor():
     feet = way()
-    people = people_before(RIG, polytopes(feet))
-    views = [standing_view(name, person, K, STATURE) for name, person, K in zip(RIG.names, people, RIG.K, strict=True)]
+    person = person_before(RIG, polytopes(feet))
+    seen = zip(RIG.names, person.head, person.foot, RIG.K, strict=True)
+    views = [standing_view(*each, STATURE) for each in seen]
     R, t = place_on_floor(RIG.names, views)
     relative = R @ R[0].T, RIG.R @ RIG.R[0].T
     np.testing.assert_allclose(*relative, atol=1e-4)
@@ -168,7 +161,7 @@ def test_a_straight_walk_has_one_rigid_motion():
 
 
 def test_tangents_of_true_cameras_agree():
-    seen = hulls(people_before(RIG, polytopes(way())))
+    seen = person_before(RIG, polytopes(way())).hull
     tangents = find_tangents(pinholes(RIG), seen)
     assert len(tangents.frame) + tangents.missing == 2 * 6 * 40
     assert np.abs(residuals(pinholes(RIG), tangents)).max() < 1e-3
@@ -177,7 +170,7 @@ def test_tangents_of_true_cameras_agree():
 def test_residuals_are_pixels():
     """A view raised by two pixels misses another, as sharp and as far, by what both share of it."""
     cameras = pinholes(RIG)
-    tangents = find_tangents(cameras, hulls(people_before(RIG, polytopes(way()))))
+    tangents = find_tangents(cameras, person_before(RIG, polytopes(way())).hull)
     raised = replace(tangents, pixel=tangents.pixel + np.array([0.0, 2.0])[:, None, None] * [0.0, 1.0])
     missed = np.abs(residuals(cameras, raised))
     assert 1.0 < np.median(missed) < 1.5  # 2 / sqrt(2), less where the person stands off the middle
@@ -185,15 +178,15 @@ def test_residuals_are_pixels():
 
 @pytest.mark.parametrize("guessed", [False, True])
 def test_cameras_are_adjusted_to_their_tangents(guessed):
-    people = people_before(RIG, polytopes(way()))
+    person = person_before(RIG, polytopes(way()))
     rng = np.random.default_rng(5)
     step = np.zeros((4, 7))
     step[:, :3], step[:, 3:6] = rng.normal(0, 0.03, (4, 3)), rng.normal(0, 0.1, (4, 3))
     step[:, 6] = rng.normal(0.06, 0.02, 4) if guessed else 0.0
     start = pinholes(RIG).moved(step)
-    found = solve_tangents(start, hulls(people), np.full(4, guessed))
-    assert np.median(np.abs(residuals(start, find_tangents(start, hulls(people))))) > 3.0
-    assert np.abs(residuals(found, find_tangents(found, hulls(people)))).max() < (0.3 if guessed else 0.01)
+    found = solve_tangents(start, person.hull, np.full(4, guessed))
+    assert np.median(np.abs(residuals(start, find_tangents(start, person.hull)))) > 3.0
+    assert np.abs(residuals(found, find_tangents(found, person.hull))).max() < (0.3 if guessed else 0.01)
     between = [each.R[1:] @ each.R[0].T for each in (found, pinholes(RIG))]
     np.testing.assert_allclose(*between, atol=0.01 if guessed else 1e-4)
     if guessed:
@@ -203,10 +196,10 @@ def test_cameras_are_adjusted_to_their_tangents(guessed):
 
 
 def test_heads_and_feet_give_metres_and_the_floor():
-    people = people_before(RIG, polytopes(way()))
+    person = person_before(RIG, polytopes(way()))
     tilted = turn("x", 0.03) @ turn("y", -0.02)
     elsewhere = replace(pinholes(RIG), R=RIG.R @ tilted.T, centre=0.9 * (RIG.centres @ tilted.T + [1.0, 2.0, 0.3]))
-    found = level_world(elsewhere, people, STATURE)
+    found = level_world(elsewhere, person, STATURE)
     np.testing.assert_allclose(found.R[:, :, 2], RIG.R[:, :, 2], atol=5e-3)
     np.testing.assert_allclose(found.centre[:, 2], RIG.centres[:, 2], atol=0.03)  # feet are taken for round soles
     between = [np.linalg.norm(each[:, None] - each[None], axis=-1) for each in (found.centre, RIG.centres)]
@@ -214,12 +207,12 @@ def test_heads_and_feet_give_metres_and_the_floor():
 
 
 def test_too_few_whole_frames_are_told():
-    person = people_before(RIG, polytopes(way()))[0].without(np.arange(FEWEST_FRAMES - 1, 40))
+    person = person_before(RIG, polytopes(way())).without(np.arange(FEWEST_FRAMES - 1, 40))
     with pytest.raises(UnsolvableError, match="in 11 of 40 frames; at least 12 are needed"):
-        standing_view("a", person, RIG.K[0], STATURE)
+        standing_view("a", person.head[0], person.foot[0], RIG.K[0], STATURE)
 
 
 def test_who_stands_still_is_told():
-    person = people_before(RIG, polytopes(0.1 * way()))[0]
+    person = person_before(RIG, polytopes(0.1 * way()))
     with pytest.raises(UnsolvableError, match="hardly leaves one place in camera 'a'"):
-        standing_view("a", person, RIG.K[0], STATURE)
+        standing_view("a", person.head[0], person.foot[0], RIG.K[0], STATURE)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.calibration.solve import UnsolvableError
-from mmocap_warp.calibration.solve.person_axis import PersonInView
 
 FEWEST_FRAMES = 12
 """Frames with the whole person from which a view is solved, and which it must share with the others, at least."""
@@ -46,12 +45,12 @@ class StandingView:
     track: np.ndarray
 
 
-def standing_view(name: str, person: PersonInView, K: np.ndarray, stature: float) -> StandingView:
+def standing_view(name: str, head: np.ndarray, foot: np.ndarray, K: np.ndarray, stature: float) -> StandingView:
     """Tilt, roll and height of a camera with intrinsics ``K`` [px], and the person's way over the floor.
 
     Args:
         name: of the camera, for errors.
-        person: as the camera sees it.
+        head, foot: (frame, 2), where the camera sees the person's ends [px]; NaN where it does not see all of it.
         K: (3, 3), intrinsics [px].
         stature: from the floor to the top of the head while walking [m].
 
@@ -61,13 +60,13 @@ def standing_view(name: str, person: PersonInView, K: np.ndarray, stature: float
     from scipy.optimize import least_squares
 
     # Only frames that show the whole person count.
-    seen = person.whole
+    seen = np.isfinite(head[:, 0])
     if seen.sum() < FEWEST_FRAMES:
         raise UnsolvableError(
             f"camera '{name}' shows the whole person, upright and inside the image, in {int(seen.sum())} of "
             f"{len(seen)} frames; at least {FEWEST_FRAMES} are needed"
         )
-    head, foot = person.head[seen], person.foot[seen]
+    head, foot = head[seen], foot[seen]
     right, down = (head - foot).mean(axis=0)
     # The camera may lie on its side, so its roll starts from the nearest quarter turn; tilt and height from a grid.
     quarter = 0.5 * np.pi * round(np.arctan2(right, -down) / (0.5 * np.pi))

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from mmocap_warp.calibration.solve import UnsolvableError
-from mmocap_warp.calibration.solve.person_axis import PersonInView, convex_hulls
+from mmocap_warp.calibration.solve.person_axis import PersonInViews
 from mmocap_warp.calibration.solve.tangents import MAX_MISS, Pinholes, find_tangents, residuals
 
 _END_SHARE = 0.07  # share of the person's length in a view at either end that belongs to the head or to a foot
@@ -23,19 +23,19 @@ _REWEIGHTINGS = 30
 _MIN_POINTS = 20  # points of heads, and of feet
 
 
-def level_world(cameras: Pinholes, people: list[PersonInView], stature: float) -> Pinholes:
+def level_world(cameras: Pinholes, person: PersonInViews, stature: float) -> Pinholes:
     """The cameras in a world in metres, whose floor is at z = 0 and whose z points up; its origin is below the heads.
 
     Args:
         cameras: in a world whose z points up within a few degrees.
-        people: the person in each view.
+        person: the person in the views.
         stature: height of the top of the head over the floor that is usual in the recording [m].
 
     Raises:
         UnsolvableError: too few points of heads or of feet.
     """
     # Points of heads and feet.
-    heads, head_frame, feet, foot_frame = head_and_foot_points(cameras, people)
+    heads, head_frame, feet, foot_frame = head_and_foot_points(cameras, person)
     if min(len(heads), len(feet)) < _MIN_POINTS:
         raise UnsolvableError(
             f"only {len(heads)} points of the head and {len(feet)} of the feet are seen by two cameras that agree, and "
@@ -54,9 +54,9 @@ def level_world(cameras: Pinholes, people: list[PersonInView], stature: float) -
     return replace(cameras, R=cameras.R @ turn.T, centre=scale * (cameras.centre @ turn.T - middle))
 
 
-def head_and_foot_points(cameras: Pinholes, people: list[PersonInView]) -> tuple[np.ndarray, ...]:
+def head_and_foot_points(cameras: Pinholes, person: PersonInViews) -> tuple[np.ndarray, ...]:
     """Points of the head (n, 3) that two views agree on, their frames (n,), and the same of the feet."""
-    tangents = find_tangents(cameras, convex_hulls(people))
+    tangents = find_tangents(cameras, person.hull)
     # The middle between the two rays of each tangent.
     a, b = cameras.rays(tangents.camera, tangents.pixel)
     from_a, from_b = cameras.centre[tangents.camera]
@@ -68,9 +68,8 @@ def head_and_foot_points(cameras: Pinholes, people: list[PersonInView]) -> tuple
     # Rays must meet before both cameras, and at an angle that is not too small.
     meet = (sine > _MIN_SINE**2) & (far_a > 0) & (far_b > 0) & (np.abs(residuals(cameras, tangents)) < MAX_MISS)
     # Where between foot and head both views' points lie: 0 at the foot's height, 1 at the head's.
-    head, foot = (np.stack([getattr(each, end) for each in people]) for end in ("head", "foot"))
-    bottom = foot[tangents.camera, tangents.frame]
-    upwards = head[tangents.camera, tangents.frame] - bottom
+    bottom = person.foot[tangents.camera, tangents.frame]
+    upwards = person.head[tangents.camera, tangents.frame] - bottom
     share = ((tangents.pixel - bottom) * upwards).sum(axis=-1) / (upwards**2).sum(axis=-1)  # (view, n)
     at_head, at_foot = (meet & np.all(end, axis=0) for end in (share > 1 - _END_SHARE, share < _END_SHARE))
     return middle[at_head], tangents.frame[at_head], middle[at_foot], tangents.frame[at_foot]

@@ -1,4 +1,4 @@
-"""A person in one view as an upright stick and an outline: the top of the head, the foot below it, the convex hull."""
+"""A person in each view as an upright stick and an outline: the top of the head, the foot below it, the convex hull."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _MIN_SLENDERNESS = 1.6  # standard deviation of a standing person's pixels along
 
 
 @dataclass(frozen=True, eq=False)
-class PersonInView:
-    """What one camera sees of the person; NaN in frames where it does not see the whole person.
+class PersonInViews:
+    """What cameras see of the person; NaN in frames where a camera does not see the whole person.
 
     Attributes:
-        head: (frame, 2) float64, the top of the head [px].
-        foot: (frame, 2) float64, where the body's axis ends at the height of the lower foot [px].
-        hull: (frame, CORNERS, 2) float64, corners of the silhouette's convex hull in order [px].
+        head: (camera, frame, 2) float64, the top of the head [px].
+        foot: (camera, frame, 2) float64, where the body's axis ends at the height of the lower foot [px].
+        hull: (camera, frame, CORNERS, 2) float64, corners of the silhouette's convex hull in order [px].
     """
 
     head: np.ndarray
@@ -37,26 +37,38 @@ class PersonInView:
 
     @property
     def whole(self) -> np.ndarray:
-        """(frame,) bool: the whole person is seen."""
-        return np.isfinite(self.head[:, 0])
+        """(camera, frame) bool: the whole person is seen."""
+        return np.isfinite(self.head[..., 0])
 
-    def without(self, frames: np.ndarray) -> PersonInView:
+    def without(self, frames: np.ndarray) -> PersonInViews:
         """The same, not seen in these frames (numbers or a mask)."""
         left = [values.copy() for values in (self.head, self.foot, self.hull)]
         for values in left:
-            values[frames] = np.nan
-        return PersonInView(*left)
+            values[:, frames] = np.nan
+        return PersonInViews(*left)
 
 
-def convex_hulls(people: Sequence[PersonInView]) -> np.ndarray:
-    """(camera, frame, CORNERS, 2), the silhouettes' convex hulls in all views [px]."""
-    return np.stack([person.hull for person in people])
-
-
-def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> list[PersonInView]:
+def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> PersonInViews:
     """The person in every view, from the masks of each frame; ``sizes`` (camera, 2) are those of the images [px]."""
     frames = [[_whole_silhouette(mask) for mask in unpack_masks(each.words, sizes)] for each in observations]
-    return [_in_view([frame[k] for frame in frames]) for k in range(len(sizes))]
+    arrays = ((2,), (2,), (CORNERS, 2))
+    head, foot, hull = (np.full((len(sizes), len(frames), *shape), np.nan) for shape in arrays)
+    for k in range(len(sizes)):
+        # A standing person's silhouette is longer than wide; its principal axis is the person's, up to the sign.
+        standing, axes = {}, []
+        for frame, silhouettes in enumerate(frames):
+            pixels = silhouettes[k]
+            if pixels is not None:
+                (across, along), directions = np.linalg.eigh(np.cov(pixels.T))
+                if along > _MIN_SLENDERNESS**2 * across:
+                    standing[frame] = pixels
+                    axes.append(directions[:, 1])
+        if standing:
+            up = _up_direction(np.array(axes), list(standing.values()))
+            for frame, pixels in standing.items():
+                head[k, frame], foot[k, frame] = _axis(pixels, up)
+                hull[k, frame] = _hull(pixels)
+    return PersonInViews(head, foot, hull)
 
 
 def _whole_silhouette(mask: np.ndarray) -> np.ndarray | None:
@@ -73,25 +85,6 @@ def _whole_silhouette(mask: np.ndarray) -> np.ndarray | None:
     margin = _MARGIN_SHARE * max(height, width)
     inside = x.min() >= margin and y.min() >= margin and x.max() < width - margin and y.max() < height - margin
     return np.stack([x, y], axis=1).astype(float) if inside else None
-
-
-def _in_view(silhouettes: list[np.ndarray | None]) -> PersonInView:
-    """The person in one view, of the silhouette's pixels in each frame."""
-    head, foot, hull = (np.full((len(silhouettes), *shape), np.nan) for shape in ((2,), (2,), (CORNERS, 2)))
-    # A standing person's silhouette is longer than wide; its principal axis is the person's, up to the sign.
-    standing, axes = {}, []
-    for frame, pixels in enumerate(silhouettes):
-        if pixels is not None:
-            (across, along), directions = np.linalg.eigh(np.cov(pixels.T))
-            if along > _MIN_SLENDERNESS**2 * across:
-                standing[frame] = pixels
-                axes.append(directions[:, 1])
-    if standing:
-        up = _up_direction(np.array(axes), list(standing.values()))
-        for frame, pixels in standing.items():
-            head[frame], foot[frame] = _axis(pixels, up)
-            hull[frame] = _hull(pixels)
-    return PersonInView(head, foot, hull)
 
 
 def _up_direction(axes: np.ndarray, silhouettes: list[np.ndarray]) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.floor_views import place_on_floor, rigid_motion, standing_view
 from mmocap_warp.calibration.solve.level import head_and_foot_points, level_world
-from mmocap_warp.calibration.solve.person_axis import PersonInView, convex_hulls, person_in_views
+from mmocap_warp.calibration.solve.person_axis import PersonInViews, person_in_views
 from mmocap_warp.calibration.solve.tangents import (
     FOCAL_SIGMA,
     MAX_MISS,
@@ -101,7 +101,7 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     scale = min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max()))
     start = _pinholes(scene, scale)
     sizes = thinned.rig(scale).size
-    people = person_in_views(list(thinned.observations(scale)), sizes)
+    person = person_in_views(list(thinned.observations(scale)), sizes)
     stature = _WALKING * height
     guessed = scene.calibration is None
     names = scene.calibrated.names
@@ -109,27 +109,27 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     # Rough cameras: each over its own floor, then all over one.
     matrices = np.tile(np.eye(3), (len(names), 1, 1))
     matrices[:, [0, 1], [0, 1]], matrices[:, :2, 2] = start.focal, start.middle
-    views = [standing_view(*each, stature) for each in zip(names, people, matrices, strict=True)]
+    views = [standing_view(*each, stature) for each in zip(names, person.head, person.foot, matrices, strict=True)]
     R, t = place_on_floor(names, views)
     rough = replace(start, R=R, centre=-np.einsum("kji,kj->ki", R, t))
     # Exact cameras, with free focal lengths where these are guesses.
     free = np.full(len(names), guessed)
-    cameras, sigma = _solve(rough, people, stature, free)
+    cameras, sigma = _solve(rough, person, stature, free)
     # Focal lengths that the walk does not determine are held at their guesses, and the rest is solved again.
     vague = free & (sigma[2] > _MAX_FOCAL_RATIO * FOCAL_SIGMA)
     if vague.any():
         rough = replace(rough, focal=np.where(vague[:, None], rough.focal, cameras.focal))
         free &= ~vague
-        cameras, sigma = _solve(rough, people, stature, free)
+        cameras, sigma = _solve(rough, person, stature, free)
     # Views must agree, and determine the cameras.
-    tangents = find_tangents(cameras, convex_hulls(people))
+    tangents = find_tangents(cameras, person.hull)
     missed = np.abs(residuals(cameras, tangents))
     in_view = [missed[tangents.in_view(k)] < MAX_MISS for k in range(len(names))]
     agreed = np.array([float(agrees.mean()) if len(agrees) else 0.0 for agrees in in_view])
     _check(names, agreed, sigma)
 
     # The head's path, and everything in the scene's world.
-    heads, frame, _, _ = head_and_foot_points(cameras, people)
+    heads, frame, _, _ = head_and_foot_points(cameras, person)
     path = np.full((thinned.frame_count, 3), np.nan)
     for each in np.unique(frame):
         path[each] = np.median(heads[frame == each], axis=0)
@@ -140,7 +140,7 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
         centre_sigma=sigma[0],
         tilt_sigma=sigma[1],
         focal_sigma=np.where(free, sigma[2], 0.0),
-        whole=np.array([int(person.whole.sum()) for person in people]),
+        whole=person.whole.sum(axis=1),
         frames=thinned.frames,
         heads=path,
         missed=float(np.median(missed)),
@@ -160,19 +160,19 @@ def _pinholes(scene: Scene, scale: float) -> Pinholes:
 
 
 def _solve(
-    rough: Pinholes, people: list[PersonInView], stature: float, free_focal: np.ndarray
+    rough: Pinholes, person: PersonInViews, stature: float, free_focal: np.ndarray
 ) -> tuple[Pinholes, list[np.ndarray]]:
     """Cameras, and standard deviations (camera,) of centres [m], tilts [rad] and logarithms of focal lengths.
 
     They come from the jackknife over blocks of consecutive frames, because neighbouring frames err alike. Errors that
     all frames share, such as shadows, do not show in them.
     """
-    cameras = level_world(solve_tangents(rough, convex_hulls(people), free_focal), people, stature)
+    cameras = level_world(solve_tangents(rough, person.hull, free_focal), person, stature)
     centres, tilts, zooms = [], [], []
-    for block in np.array_split(np.arange(len(people[0].head)), _BLOCKS):
-        rest = [person.without(block) for person in people]
+    for block in np.array_split(np.arange(person.head.shape[1]), _BLOCKS):
+        rest = person.without(block)
         # The cameras without this block, moved over the floor onto those with it.
-        solved = level_world(solve_tangents(cameras, convex_hulls(rest), free_focal, OUTLIERS[-1:]), rest, stature)
+        solved = level_world(solve_tangents(cameras, rest.hull, free_focal, OUTLIERS[-1:]), rest, stature)
         turn, shift = rigid_motion(solved.centre[:, :2], cameras.centre[:, :2])
         centres.append(np.column_stack([solved.centre[:, :2] @ turn.T + shift, solved.centre[:, 2]]))
         tilts.append(np.arcsin(-solved.R[:, 2, 2]))

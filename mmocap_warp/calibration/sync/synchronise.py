@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from statistics import mode
 
 import numpy as np
@@ -153,18 +153,15 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
     courses, hull = _courses_by_motion(signals, offsets, scene.fps), None
     # With a calibration the visual hull decides where it can be trusted.
     if scene.calibration is not None and scene.calibrated.placed:
-        sure = all(_judge(scores, k, offsets, False).sure for k in range(len(masks)))
+        sure = all(_judge(scores, k, offsets, False, course).sure for k, course in enumerate(courses))
         about, reach = (offsets, 0) if sure else (np.zeros_like(offsets), round(min(_HULL_REACH, within) * scene.fps))
         by_hull = offsets_by_hull(scene.rig(scale), masks, about, reach)
         hull = by_hull is not None and _can_trust(by_hull, offsets if sure else None)
         if by_hull and hull:
             offsets = by_hull.offsets
             courses = [one if one.changes else other for one, other in zip(by_hull.courses, courses, strict=True)]
-    views_by_name = {
-        source.name: replace(_judge(scores, k, offsets, hull is True), course=courses[k])
-        for k, source in enumerate(scene.cameras)
-    }
-    return Synchronisation(scene.fps, views_by_name, hull)
+    judged = [_judge(scores, k, offsets, hull is True, course) for k, course in enumerate(courses)]
+    return Synchronisation(scene.fps, dict(zip((source.name for source in scene.cameras), judged, strict=True)), hull)
 
 
 def _can_trust(hull: HullOffsets, motion: np.ndarray | None) -> bool:
@@ -212,7 +209,7 @@ def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: floa
     return [lag_course(np.array(middles), lag) for lag in np.array(lags, float).T]
 
 
-def _judge(scores: PairScores, view: int, offsets: np.ndarray, by_hull: bool) -> ViewOffset:
+def _judge(scores: PairScores, view: int, offsets: np.ndarray, by_hull: bool, course: LagCourse) -> ViewOffset:
     """A view's offset and whether it is reliable: always if found by the hull, else by its rival and the pairs."""
     frames = offsets - mode(offsets.tolist())  # the frames of most views are the scene's
     # The best lag elsewhere, and its score over that of the chosen one.
@@ -226,4 +223,4 @@ def _judge(scores: PairScores, view: int, offsets: np.ndarray, by_hull: bool) ->
     same = [abs(scores.best_lag(each, view) - (offsets[view] - offsets[each])) <= _PAIR_TOLERANCE for each in others]
     agreeing = float(np.mean(same))
     sure = by_hull or (rival < _MAX_RIVAL and agreeing > _MIN_AGREEING)
-    return ViewOffset(int(frames[view]), rival, int(frames[view]) + other - at, agreeing, sure)
+    return ViewOffset(int(frames[view]), rival, int(frames[view]) + other - at, agreeing, sure, course)

@@ -23,8 +23,7 @@ from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equati
 from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
-from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.view_arrays import make_views
+from mmocap_warp.masks.observation import Observation, make_views
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 MATCHING = asdict(MatchingConfig())

@@ -11,8 +11,7 @@ from mmocap_warp.body.model import SkinMesh
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.kernels.block import Batch, batch_of
 from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
-from mmocap_warp.masks.observation import pack_masks, unpack_masks
-from mmocap_warp.masks.view_arrays import make_views
+from mmocap_warp.masks.observation import make_views, pack_masks, unpack_masks
 from mmocap_warp.silhouettes.silhouettes import Silhouettes
 
 

@@ -14,7 +14,7 @@ from mmocap_warp.kernels.benchmarks.timing import Case, Check
 from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
-from mmocap_warp.masks.view_arrays import make_views
+from mmocap_warp.masks.observation import make_views
 from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.silhouettes.silhouettes import Silhouettes

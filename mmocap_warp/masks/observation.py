@@ -7,9 +7,11 @@ import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+
+from mmocap_warp.cameras.rig import CameraRig
 
 
 def words_per_row(width: int) -> int:
@@ -58,6 +60,35 @@ class Observation:
     def from_masks(cls, masks: list[np.ndarray], late: np.ndarray | None = None) -> Observation:
         """Pack one (height, width) boolean mask per camera."""
         return cls(pack_masks(masks), np.array([int(mask.sum()) for mask in masks], np.int64), late)
+
+
+def make_views(rig: CameraRig, device: str) -> Any:
+    """A rig and one frame's masks, empty at first, on a device, in the struct that kernels take.
+
+    Raises:
+        ValueError: images so wide that a block cannot hold a row.
+    """
+    from mmocap_warp.kernels.block import WORDS  # Warp, which masks do not need
+    from mmocap_warp.kernels.structs import allocated
+    from mmocap_warp.kernels.views.projection import Views
+
+    rows, words = int(rig.size[:, 1].max()), words_per_row(int(rig.size[:, 0].max()))
+    if 8 * words >= WORDS:
+        raise ValueError(f"images must be narrower than {4 * WORDS} px, got {rig.size[:, 0].max()}")
+    cameras = {"rotation": rig.R, "translation": rig.t, "lens": _lens(rig), "size": rig.size.astype(np.int32)}
+    return allocated(Views, device, **cameras, observed=(len(rig), rows, words), foreground=len(rig))
+
+
+def assign_cameras(views: Any, rig: CameraRig) -> None:
+    """Let views have other cameras, of the same sizes."""
+    views.rotation.assign(rig.R)
+    views.translation.assign(rig.t)
+    views.lens.assign(_lens(rig))
+
+
+def _lens(rig: CameraRig) -> np.ndarray:
+    """(camera, 4) fx fy cx cy [px]."""
+    return np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
 
 
 _IN_MEMORY = 2**26  # bytes; larger amounts go to a temporary file

@@ -25,7 +25,7 @@ from mmocap_warp.kernels.silhouettes.raycast import Tree
 from mmocap_warp.kernels.silhouettes.raycast_wide import Leaves
 from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.kernels.views.projection import Views
-from mmocap_warp.masks.view_arrays import make_views
+from mmocap_warp.masks.observation import make_views
 from mmocap_warp.silhouettes import RENDERERS
 
 _LEAF = 16  # triangles of a leaf: with large packets, smaller leaves cost more than they save

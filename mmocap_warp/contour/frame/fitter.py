@@ -30,8 +30,7 @@ from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equati
 from mmocap_warp.kernels.contour.outline import find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import allocated, filled
-from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.view_arrays import assign_cameras, make_views
+from mmocap_warp.masks.observation import Observation, assign_cameras, make_views
 
 
 @dataclass(frozen=True)

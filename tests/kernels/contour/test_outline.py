@@ -14,7 +14,7 @@ from mmocap_warp.body.rotations import turn
 from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours, is_outline
 from mmocap_warp.kernels.structs import filled
-from mmocap_warp.masks.view_arrays import make_views
+from mmocap_warp.masks.observation import make_views
 
 PROBE = 0.75  # px outside an edge
 BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot()}

@@ -15,8 +15,7 @@ from mmocap_warp.kernels.contour.outline import BANDS
 from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
-from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.view_arrays import make_views
+from mmocap_warp.masks.observation import Observation, make_views
 
 SIZE = (320, 240)
 SCALE = 160.0  # px of a metre, where planted outlines are

@@ -70,6 +70,18 @@ class ContourState(TrackState):
         known: np.ndarray = (self.overlap_levels > 0).sum(axis=1) >= _LEAST_FRAMES
         return known
 
+    @property
+    def _usual_overlap(self) -> np.ndarray:
+        """(run,) float32 median of the remembered overlaps, of all runs at once; infinite where none is remembered."""
+        levels = self.overlap_levels
+        ordered = np.sort(np.where(levels > 0, levels, np.float32(np.inf)), axis=1)
+        count = (levels > 0).sum(axis=1)
+        run = np.arange(len(levels))
+        lower = ordered[run, np.maximum(count - 1, 0) // 2]
+        upper = ordered[run, np.minimum(count // 2, LEVEL_FRAMES - 1)]
+        median: np.ndarray = (lower + upper) / np.float32(2)
+        return median
+
     def falls_short(self, answer: Candidates, fall: float, exposed: float) -> np.ndarray:
         """(run,) bool: whether an answer overlaps less than usual, or has limbs where nobody is seen.
 
@@ -81,11 +93,9 @@ class ContourState(TrackState):
             exposed: outline of such limbs that is too long [m]. What every remembered frame has of it comes on top: a
                 wrong calibration exposes the whole body in all frames.
         """
-        level, always = np.full(len(self.pose), np.inf, np.float32), np.zeros(len(self.pose), np.float32)
-        for run in np.flatnonzero(self.level_known):
-            remembered = self.overlap_levels[run] > 0
-            level[run] = np.median(self.overlap_levels[run, remembered])
-            always[run] = self.exposed_outlines[run, remembered].min()
+        level = np.where(self.level_known, self._usual_overlap, np.float32(np.inf))
+        always = np.where(self.overlap_levels > 0, self.exposed_outlines, np.float32(np.inf)).min(axis=1)
+        always = np.where(self.level_known, always, np.float32(0.0))
         short: np.ndarray = (answer.overlap < level - fall) | (answer.exposed > exposed + always)
         return short
 

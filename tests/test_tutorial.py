@@ -33,7 +33,7 @@ def blocks(language: str) -> list[str]:
 FRAMES = {"begun": 6, "whole": 40}
 """How many frames are masked and tracked: some, so that each command is tried in seconds, or all that the page says."""
 
-QUICK = "\n[fit]\nheadings = 4\nevaluations = 400\nfinalists = 1\nframes = 6\n"
+QUICK = "\n[fit]\nheadings = 4\nevaluations = 200\nfinalists = 1\nframes = 4\n"
 """Settings of the fit to a few frames."""
 
 

@@ -15,7 +15,7 @@ from mmocap_warp.calibration.adjust.silhouette_agreement import landmarks
 from mmocap_warp.calibration.camera_check import CameraCheck, check, gross_mistake
 from mmocap_warp.calibration.refine.refinement import Refinement, refine
 
-CONFIG = AdjustConfig(frames=9, judges=4, scale=0.5, device="cpu")
+CONFIG = AdjustConfig(frames=7, judges=3, scale=0.35, device="cpu")
 FRAMES = 12
 WRONG = 2
 
@@ -76,7 +76,7 @@ def test_a_sound_rig_is_left_alone_and_not_called_better(tmp_path):
 def test_a_late_camera_is_found_by_whole_frames_and_the_rest(tmp_path):
     scene = write_scene(tmp_path, frames=FRAMES, late=(0, 0, 3, 0))
     held = Deviations(rotation=0.0, position=0.0, focal=0.0, centre=0.0)
-    found = refine(scene, BODY, replace(CONFIG, deviations=held))
+    found = refine(scene, BODY, replace(CONFIG, scale=0.5, deviations=held))
     assert found.change[WRONG, OFFSET] * FPS == pytest.approx(3.0, abs=0.25)
     assert not found.change[:, :OFFSET].any()
     assert found.better

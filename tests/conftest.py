@@ -69,24 +69,17 @@ LONGEST = (
     "calibration/test_synchronise.py",
     "optimizers/test_robustness.py",
     "study/test_ablation.py",
+    "tracking/test_other_bodies.py",
+    "cli/test_startup.py",
+    "calibration/test_first_look.py",
+    "tracking/test_cameras_of_all_kinds.py",
 )
 """Files that take more than ten seconds of a core, by how long they take."""
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
-def take_own_cores() -> None:
-    """Give each of several test processes cores of its own: more threads than cores would wait for one another."""
-    worker, workers = os.environ.get("PYTEST_XDIST_WORKER", ""), int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    if not worker or not hasattr(os, "sched_setaffinity"):
-        return
-    cores = sorted(os.sched_getaffinity(0))
-    if len(cores) >= workers:
-        os.sched_setaffinity(0, cores[int(worker.removeprefix("gw")) :: workers])
-
-
 def pytest_configure(config: pytest.Config) -> None:
-    take_own_cores()
     config.addinivalue_line("markers", "nightly: takes minutes, and a sample of it is among the other tests")
     wp.config.log_level = wp.LOG_WARNING
     if os.environ.get("MMOCAP_WARP_DEBUG") == "1":

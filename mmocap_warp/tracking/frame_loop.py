@@ -25,6 +25,7 @@ from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
 from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -157,19 +158,20 @@ def track(
         follows = scene.foreground.keep == "nearest"
         body = body_masks(subject, rig, lambda: tracker.state.pose) if follows else None
         observations = scene.observations(config.scale, first=len(answers), body=body)
-        keep = kept.add if config.acceleration else None
         with saved or nullcontext():
             answers += track_frames(
-                tracker, observations, first=len(answers), keep=keep, saved=saved, progress=progress
+                tracker, observations, first=len(answers), keep=kept.add, saved=saved, progress=progress
             )
         result = collect(subject, rig, scene.fps, config, answers, scene.frames)
-        if not config.acceleration:
-            return result
 
-        # Smooth the track. Frames of before a resumption, or what a full disk had no room for, are read again.
-        all_kept = len(kept) == len(answers)
-        masks = kept if all_kept else scene.observed(tracked_masks(scene, result))
-        return smoothed(result, config, masks, smooth_progress)
+        # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
+        # no room for, are read again.
+        def masks() -> Iterable[Observation]:
+            return kept if len(kept) == len(answers) else scene.observed(tracked_masks(scene, result))
+
+        if config.acceleration:
+            result = smoothed(result, config, masks(), smooth_progress)
+        return with_evidence(result, config, masks())
 
 
 def _check_start(scene: Scene, subject: Subject) -> None:

@@ -76,7 +76,7 @@ def verdict(result: Result) -> Verdict:
             off = sorted(
                 (name for name in middle if middle[name] > _NAMED_SHARE * most), key=lambda name: -middle[name]
             )
-            cameras = {name: 1000 * middle[name] for name in off}
+            cameras = {name: 1000 * middle[name] for name in off if middle[name] > _NAMED_SHARE * most}
     # Parts of the body.
     doubt = np.zeros((len(status), len(body.skeleton.parts)), bool)
     if result.part_doubt is not None:

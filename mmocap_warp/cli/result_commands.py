@@ -202,7 +202,7 @@ def _known(value: float, form: str) -> str:
 def summary(report: dict[str, Any]) -> str:
     """The headline numbers of :func:`mmocap_warp.result.evaluation.evaluate` for people."""
     statuses = [f"{report['lost']} lost", f"{report['partial']} with a view lost"]
-    statuses += [f"{report[name]} {name}" for name in ("rescued", "interpolated") if report[name]]
+    statuses += [f"{report[name]} {name}" for name in ("rescued", "interpolated", "repeated") if report[name]]
     rows: list[tuple[str, ...]] = [
         ("frames", f"{report['frames']} ({', '.join(statuses)})"),
         ("runs", str(report["runs"])),

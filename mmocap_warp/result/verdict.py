@@ -26,12 +26,14 @@ class Verdict:
     """How far the best run of a result is to be trusted.
 
     Attributes:
-        frames: how many were judged.
+        frames: how many were judged: all that show anything new.
         trusted: of these: ``tracked`` or ``rescued``, or ``partial`` in two views or more, with no part of the body
             that the views contradict, and none at all where a camera disagrees.
         parts: numbers of the frames in which a part of the body is in doubt, by part: the views contradict it, or its
             joints may be over 100 mm off.
         cameras: by how much each camera that disagrees with the others does [mm at the body].
+        repeated: how many frames repeat the one before.
+        frozen: numbers of the frames in which a camera repeats its last image while the others go on, by camera.
         problem: why masks and calibration fit no body, where they were trusted all the same.
     """
 
@@ -39,6 +41,8 @@ class Verdict:
     trusted: int
     parts: dict[str, list[int]]
     cameras: dict[str, float]
+    repeated: int
+    frozen: dict[str, list[int]]
     problem: str | None = None
 
     @property
@@ -56,6 +60,9 @@ class Verdict:
             remedy = f"; mend it with: mmocap calib refine {scene}" if scene and not self.problem else ""
             verb = "disagrees" if len(self.cameras) == 1 else "disagree"
             lines.append(f"{names} {verb} with the others by {lengths} mm at the body{remedy}")
+        if self.repeated:
+            lines.append(f"{self.repeated} more frames repeat the one before, and count as not seen")
+        lines += [f"{name} is frozen in {_ranges(frames)}, and left out there" for name, frames in self.frozen.items()]
         return lines + [f"in doubt: {part} in {_ranges(frames)}" for part, frames in self.parts.items()]
 
 
@@ -91,9 +98,14 @@ def verdict(result: Result) -> Verdict:
         for i, name in enumerate(body.skeleton.parts)
         if doubt[:, i].any()
     }
+    frozen = {
+        name: [frame for frame in frames if frame in result.frame_numbers]
+        for name, frames in result.config.get("frozen_views", {}).items()
+    }
+    repeated = status == STATUS.index("repeated")
     problem = result.config.get("trusted_cameras")
     count = 0 if cameras or problem else int(trusted.sum())
-    return Verdict(len(status), count, parts, cameras, problem)
+    return Verdict(int((~repeated).sum()), count, parts, cameras, int(repeated.sum()), frozen, problem)
 
 
 def _ranges(frames: Sequence[int]) -> str:

@@ -17,7 +17,7 @@ from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.contour.frame.fitter import WIDE, OutlineMatch
 from mmocap_warp.contour.frame.rooted import Neighbours, Rooting
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.result.result import Result
+from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.tracking.from_settings import make_fitter, search_limits
 from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -47,6 +47,8 @@ def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Ob
             match = fitter.match(frames - frames[0], course[frames], Neighbours.of(course, frames, result.rate))
             shift[run, frames] = _shift(match, px[run, frames], WIDE.reach * body.relative_size)
             doubt[run, frames] = _doubt(match, px[run, frames], body)
+    repeated = result.status == STATUS.index("repeated")  # their masks are of another time
+    shift[repeated], doubt[repeated] = np.nan, 0.0
     return replace(result, view_shift=shift, part_doubt=doubt)
 
 

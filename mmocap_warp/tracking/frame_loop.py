@@ -20,7 +20,8 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.masks.observation import KeptObservations, Observation
-from mmocap_warp.result.result import FrameAnswer, Result
+from mmocap_warp.masks.repeats import repeated_views
+from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
 from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
@@ -169,9 +170,33 @@ def track(
         def masks() -> Iterable[Observation]:
             return kept if len(kept) == len(answers) else scene.observed(tracked_masks(scene, result))
 
-        if config.acceleration:
-            result = smoothed(result, config, masks(), smooth_progress)
-        return with_evidence(result, config, masks())
+        return _finished(result, config, masks, smooth_progress)
+
+
+def _finished(
+    result: Result, config: TrackConfig, masks: Callable[[], Iterable[Observation]], progress: SmoothReport | None
+) -> Result:
+    """The track, smoothed where that is wanted, and what the masks, read anew each time, say about it.
+
+    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen.
+    """
+    repeated = repeated_views(masks())
+    at_once: np.ndarray = repeated.all(axis=1)
+    frozen = repeated & ~at_once[:, None]
+    status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
+    numbers = {
+        name: result.frame_numbers[frozen[:, k]].tolist()
+        for k, name in enumerate(result.cameras.names)
+        if frozen[:, k].any()
+    }
+    result = replace(result, status=status, config=result.config | ({"frozen_views": numbers} if numbers else {}))
+
+    def shown() -> Iterable[Observation]:
+        return (seen.without(views) for seen, views in zip(masks(), frozen, strict=True)) if numbers else masks()
+
+    if config.acceleration:
+        result = smoothed(result, config, shown(), progress)
+    return with_evidence(result, config, shown())
 
 
 def _check_start(scene: Scene, subject: Subject) -> None:

@@ -181,7 +181,7 @@ def _finished(
     A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen.
     """
     repeated = repeated_views(masks())
-    at_once: np.ndarray = repeated.all(axis=1)
+    at_once = np.logical_and.reduce(repeated, axis=1)
     frozen = repeated & ~at_once[:, None]
     status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
     numbers = {

@@ -15,7 +15,7 @@ import numpy as np
 from mmocap_warp.result.result import STATUS, Result
 
 _MAX_SHIFT = 0.015  # metres by which a view may lie beside a person. Sound recordings have up to .008
-_NAMED_SHARE = 0.5  # of the largest shift: a camera with so much may be the one that is wrong
+_NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one that is wrong
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
 _MIN_VIEWS = 2  # views that must see somebody in a frame
 _SHOWN_RANGES = 4  # ranges of frames that are listed of a part in doubt

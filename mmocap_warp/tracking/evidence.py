@@ -45,23 +45,31 @@ def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Ob
         first += len(some)
         for run, course in enumerate(courses):
             match = fitter.match(frames - frames[0], course[frames], Neighbours.of(course, frames, result.rate))
-            shift[run, frames] = _shift(match, px[run, frames], WIDE.reach * body.relative_size)
+            by_place = px[run, frames][..., None, None] * rig.R[:, :2]
+            shift[run, frames] = _shift(match, by_place, WIDE.reach * body.relative_size)
             doubt[run, frames] = _doubt(match, px[run, frames], body)
     repeated = result.status == STATUS.index("repeated")  # their masks are of another time
     shift[repeated], doubt[repeated] = np.nan, 0.0
     return replace(result, view_shift=shift, part_doubt=doubt)
 
 
-def _shift(match: OutlineMatch, px: np.ndarray, reach: float) -> np.ndarray:
+def _shift(match: OutlineMatch, by_place: np.ndarray, reach: float) -> np.ndarray:
     """(pose, camera) length of the shift of each view's masks that fits them best to the body [m].
 
-    ``reach`` where too little of the outline meets a contour, NaN where there is no outline.
+    What puts the body into another place in all views is not counted: ``by_place`` (pose, camera, 2, 3) is how images
+    follow the body's place [px/m]. It is ``reach`` where too little of the outline meets a contour, NaN where there is
+    no outline.
     """
     residual, weight = np.moveaxis(match.weighted, -1, 0)
     matrix = np.einsum("pke,pkei,pkej->pkij", weight, match.normal, match.normal)
     pull = np.einsum("pke,pke,pkei->pki", weight, residual, match.normal)
+    across = np.swapaxes(by_place, 2, 3)
+    of_place = (across @ matrix @ by_place).sum(axis=1) + 1e-6 * np.eye(3)
+    moved = np.linalg.solve(of_place, (across @ pull[..., None]).sum(axis=1))
+    pull = pull - (matrix @ by_place @ moved[:, None])[..., 0]
     known = np.linalg.det(matrix) > 0
     shift = np.linalg.solve(np.where(known[..., None, None], matrix, np.eye(2)), pull[..., None])[..., 0]
+    px = np.linalg.norm(by_place[:, :, 0], axis=-1)
     _, length, matched, _ = np.moveaxis(match.tally.sum(axis=2), -1, 0)
     metres = np.where(matched > _MATCHED_SHARE * length, np.linalg.norm(shift, axis=-1) / px, reach)
     return np.where(length > 0, np.minimum(metres, reach), np.nan)

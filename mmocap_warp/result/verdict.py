@@ -16,6 +16,7 @@ from mmocap_warp.result.result import STATUS, Result
 
 _MAX_SHIFT = 0.015  # metres by which a view may lie beside a person. Sound recordings have up to .008
 _NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one that is wrong
+_MENDED_MM = 150.0  # millimetres of disagreement that a refinement of cameras certainly mends
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
 _MIN_VIEWS = 2  # views that must see somebody in a frame
 _SHOWN_RANGES = 4  # ranges of frames that are listed of a part in doubt
@@ -57,7 +58,10 @@ class Verdict:
             lines.append(f"masks and calibration fit no body: {self.problem}")
         if self.cameras:
             names, lengths = " and ".join(self.cameras), " and ".join(f"{mm:.0f}" for mm in self.cameras.values())
-            remedy = f"; mend it with: mmocap calib refine {scene}" if scene and not self.problem else ""
+            step = "find out why with: mmocap calib check"
+            if max(self.cameras.values()) < _MENDED_MM:
+                step = "mend it with: mmocap calib refine"
+            remedy = f"; {step} {scene}" if scene and not self.problem else ""
             verb = "disagrees" if len(self.cameras) == 1 else "disagree"
             lines.append(f"{names} {verb} with the others by {lengths} mm at the body{remedy}")
         if self.repeated:

@@ -22,11 +22,13 @@ from mmocap_warp.tracking.track_config import TrackConfig
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
+_SHOWN_CAMERAS = 8  # of which the overlap is printed
+
 TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
 @command("track:track", output=Given(Path, REQUIRED), frames=SceneFrames, settings=TrackFlags | None)
-def track(call: Any, console: Console, loaded: Scene, output: Path) -> None:
+def track(call: Any, console: Console, loaded: Scene, output: Path) -> int:
     from mmocap_warp.commands.evaluate import evaluate_in_scene
 
     tracked = call()
@@ -40,6 +42,7 @@ def track(call: Any, console: Console, loaded: Scene, output: Path) -> None:
     console.result(values, f"{output}\n{summary(report)}\nnext: {step}")
     if warning:
         console.warn(warning)
+    return OK if report["verdict"]["holds"] else CHECK_FAILED
 
 
 @command(
@@ -95,14 +98,18 @@ def demo(call: Any, example: str) -> Answer:
 @command("evaluate:evaluate", frames=ResultFrames)
 def evaluate(call: Any) -> Answer:
     report = call()
-    return Answer(report, [summary(report)], OK if report.get("other_world") is None else CHECK_FAILED)
+    good = report["verdict"]["holds"] and report.get("other_world") is None
+    return Answer(report, [summary(report)], OK if good else CHECK_FAILED)
 
 
 @command("show:show", order="output scene", result=Path, frames=ResultFrames)
 def show(call: Any) -> Answer:
     drawn = call()
     files = {"sheet": drawn.sheet} if drawn.video is None else {"video": drawn.video, "sheet": drawn.sheet}
-    return Answer(files, files.values())
+    if drawn.verdict is None:
+        return Answer(files, files.values())
+    rows = [("overlap", _by_camera(drawn.verdict["iou_by_camera"])), *_verdict(drawn.verdict)]
+    return Answer({**files, "verdict": drawn.verdict}, [*files.values(), table(rows)])
 
 
 @command("show:view", order="output images rerun scene", truth=None, name=None)
@@ -195,7 +202,7 @@ def _known(value: float, form: str) -> str:
 def summary(report: dict[str, Any]) -> str:
     """The headline numbers of :func:`mmocap_warp.result.evaluation.evaluate` for people."""
     statuses = [f"{report['lost']} lost", f"{report['partial']} with a view lost"]
-    statuses += [f"{report[name]} {name}" for name in ("rescued", "interpolated") if report[name]]
+    statuses += [f"{report[name]} {name}" for name in ("rescued", "interpolated", "repeated") if report[name]]
     rows: list[tuple[str, ...]] = [
         ("frames", f"{report['frames']} ({', '.join(statuses)})"),
         ("runs", str(report["runs"])),
@@ -203,6 +210,7 @@ def summary(report: dict[str, Any]) -> str:
         ("evaluations/s", _number(report["evaluations_per_second"], ",.0f")),
         ("mean IoU", _number(report["mean_iou"], ".3f")),
         ("worst IoU", f"{_number(report['worst_iou'], '.3f')} (frame {report['worst_iou_frame']})"),
+        ("by camera", _by_camera(report["iou_by_camera"])),
         ("shake", f"{_number(report['shake_mm'], '.1f')} mm"),
     ]
     errors = (
@@ -224,7 +232,19 @@ def summary(report: dict[str, Any]) -> str:
         rows.append(("limb lost in", f"{len(report['limb_lost_frames'])} frames"))
     if report.get("wrongly_tracked"):
         rows.append(("wrongly tracked", f"{report['wrongly_tracked']} frames"))
-    return table(rows)
+    return table(rows + _verdict(report["verdict"]) if "verdict" in report else rows)
+
+
+def _by_camera(iou: dict[str, float | None]) -> str:
+    """Mean overlap by camera; of many cameras those with the least."""
+    worst = sorted(iou, key=lambda name: iou[name] or 0.0)[:_SHOWN_CAMERAS]
+    shown = ", ".join(f"{name} {_number(iou[name], '.3f')}" for name in iou if name in worst)
+    return shown + (f" ({len(iou) - len(worst)} more have more)" if len(iou) > len(worst) else "")
+
+
+def _verdict(values: dict[str, Any]) -> list[tuple[str, ...]]:
+    """The lines of a verdict as rows."""
+    return [("verdict" if i == 0 else "", line) for i, line in enumerate(values["lines"])]
 
 
 def beside(reports: dict[str, dict[str, Any]]) -> str:

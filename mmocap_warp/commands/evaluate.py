@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,7 +10,7 @@ from mmocap_warp.biomechanics import measure_all
 from mmocap_warp.biomechanics.measure_all import Measures
 from mmocap_warp.biomechanics.measure_tables import write_tables
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
-from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
+from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_file, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_plots import plot_angles, plot_feet
 from mmocap_warp.errors import InputError, UsageError
@@ -44,7 +44,8 @@ def evaluate(
         reporter: who is told of warnings.
 
     Returns:
-        What :func:`mmocap_warp.result.evaluation.evaluate` gives.
+        What :func:`mmocap_warp.result.evaluation.evaluate` gives, and ``verdict``: how far the result is to be trusted,
+        see :class:`mmocap_warp.result.verdict.Verdict`.
 
     Raises:
         InputError: a file that cannot be read, or a truth of other frames or of a body with other joints.
@@ -59,7 +60,9 @@ def evaluate(
         file = Path(truth)
         truth = load_truth(file, truth_axes)
     start_warp()
-    report, fault = _judged(tracked.at(positions), truth, file, truth_axes, named_by)
+    tracked = tracked.at(positions)
+    report, fault = _judged(tracked, truth, file, truth_axes, named_by)
+    report["verdict"] = verdict_values(tracked, scene_file(tracked, path, scene))
     if fault is not None:
         (reporter or Reporter()).warn(f"check failed: {fault}")
     return report
@@ -73,7 +76,13 @@ def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str
     """
     report, fault = _judged(result, truth_of(scene), scene.truth, scene.truth_axes, "scene")
     del report["series"]
-    return report, fault
+    return report | {"verdict": verdict_values(result, scene.path)}, fault
+
+
+def verdict_values(result: Result, scene: Path | None) -> dict[str, Any]:
+    """The verdict on a result: its facts by name, and its ``lines`` for people, which name the scene's file."""
+    verdict = result.verdict()
+    return {**asdict(verdict), "holds": verdict.holds, "lines": verdict.lines(scene)}
 
 
 def _judged(

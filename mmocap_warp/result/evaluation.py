@@ -28,14 +28,15 @@ from mmocap_warp.result.truth import Truth, at_rate
 _METRES_TO_MM = 1000.0
 _Report = dict[str, Any]  # numbers by name
 _Series = dict[str, np.ndarray]  # a number for each frame, or each run, by name
-_COUNTED = ("lost", "partial", "rescued", "interpolated")
+_COUNTED = ("lost", "partial", "rescued", "interpolated", "repeated")
 
 
 def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     """Evaluate a result; numbers over several runs are means of the runs' numbers, except the worst and the medians.
 
-    Without truth: ``frames``, ``runs``, the frames in which some run is ``lost``, ``partial``, ``rescued`` or
-    ``interpolated``, ``evaluations`` (all runs), ``evaluations_per_second``, ``mean_cost``, ``mean_iou``, ``worst_iou``
+    Without truth: ``frames``, ``runs``, the frames in which some run is ``lost``, ``partial``, ``rescued``,
+    ``interpolated`` or ``repeated``, ``evaluations`` (all runs), ``evaluations_per_second``, ``mean_cost``,
+    ``mean_iou``, ``worst_iou``
     (the lowest mean over views of a frame, over runs) and its ``worst_iou_frame``, ``iou_by_camera``, ``shake_mm``
     (median second difference of the joints over consecutive frames, as at 60 Hz), ``per_run`` and ``series`` (per run
     and frame). Where the result has standard deviations, their medians over frames and runs: ``sigma_mm_by_joint`` (the

@@ -21,8 +21,8 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, CameraSolution, Person, Progress
 from mmocap_warp.calibration.adjust.camera_changes import CENTRE, FOCAL, KINDS, OFFSET, POSITION, ROTATION, changed
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
-from mmocap_warp.calibration.first_look import few_masks
-from mmocap_warp.calibration.gross_mistake import Mistake, Silhouettes, agreement, find_mistake
+from mmocap_warp.calibration.first_look import few_views
+from mmocap_warp.calibration.gross_mistake import Mistake
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.masks.observation import unpack_masks
@@ -143,9 +143,8 @@ def check(
     covered = coherence(rig, observations[:: max(1, len(observations) // _FRAMES)])
     report("silhouettes", 0.1)
     # A gross mistake ends the check, because no body can be tracked with it.
-    small, frames = few_masks(scene)
-    compared = [Silhouettes.of(masks) for masks in frames]
-    mistake = find_mistake(small, compared, agreement(small, compared))
+    views = few_views(scene)
+    mistake = views.mistake()[1] if views.large_enough else None
     gross = Finding.of(mistake) if mistake else gross_mistake(rig, landmarks(rig, observations), footage.fps)
     if gross is not None:
         return CameraCheck(rig.names, covered, None, (gross,), footage.scale)
@@ -157,9 +156,9 @@ def check(
     solution = adjustment.solve(change, person, adjustment.sigma)
     report("cameras", 0.9)
     findings = small_errors(rig, solution)
-    overlap, views = _compare_views(rig, person, solution, findings)
+    overlap, pictures = _compare_views(rig, person, solution, findings)
     report("compared", 1.0)
-    return CameraCheck(rig.names, covered, overlap, findings, footage.scale, views)
+    return CameraCheck(rig.names, covered, overlap, findings, footage.scale, pictures)
 
 
 def _compare_views(

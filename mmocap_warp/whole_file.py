@@ -4,11 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
+
+_RESERVED = re.compile(r'[<>:"/\\|?*]|^\.|[. ]$|^(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|$)|^$', re.IGNORECASE)
+_MAX_NAME = 200  # bytes; file systems allow 255, of which endings take some
+
+
+def file_name(name: str, source: object) -> str:
+    """The name of a file or folder for what ``source`` calls ``name``, such as a camera: the same, if that is possible.
+
+    Raises:
+        InputError: it would lead elsewhere, or some system has no file of that name.
+    """
+    if _RESERVED.search(name) or not name.isprintable() or len(name.encode()) > _MAX_NAME:
+        problem = f"{name!r} cannot be the name of a file"
+        raise InputError(source, problem, 'name it without any of <>:"/\\|?* and control characters')
+    return name
 
 
 @contextmanager

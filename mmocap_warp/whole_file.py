@@ -12,7 +12,8 @@ from pathlib import Path
 from mmocap_warp.errors import InputError
 
 _RESERVED = re.compile(r'[<>:"/\\|?*]|^\.|[. ]$|^(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|$)|^$', re.IGNORECASE)
-_MAX_NAME = 200  # bytes; file systems allow 255, of which endings take some
+MAX_NAME = 200
+"""Bytes of a name of a file; file systems allow 255, of which endings take some."""
 
 
 def file_name(name: str, source: object) -> str:
@@ -21,10 +22,23 @@ def file_name(name: str, source: object) -> str:
     Raises:
         InputError: it would lead elsewhere, or some system has no file of that name.
     """
-    if _RESERVED.search(name) or not name.isprintable() or len(name.encode()) > _MAX_NAME:
+    if _RESERVED.search(name) or not name.isprintable() or len(name.encode()) > MAX_NAME:
         problem = f"{name!r} cannot be the name of a file"
         raise InputError(source, problem, 'name it without any of <>:"/\\|?* and control characters')
     return name
+
+
+def native_path(path: str | Path) -> str:
+    """A path as OpenCV, USD and ezc3d take it: one that is not UTF-8 may end the process in them.
+
+    Raises:
+        InputError: it is not UTF-8.
+    """
+    try:
+        return str(path).encode().decode()
+    except UnicodeEncodeError:
+        problem, remedy = "has a name that is not UTF-8", "rename the file or its folder"
+        raise InputError(ascii(str(path)), problem, remedy) from None
 
 
 @contextmanager

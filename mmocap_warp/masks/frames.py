@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import native_path
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pbm", ".pgm")
 
@@ -130,7 +131,7 @@ def open_video(path: Path) -> VideoFile:
     """A video file."""
     if not os.path.isfile(path):
         raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
-    capture = cv2.VideoCapture(str(path))
+    capture = cv2.VideoCapture(native_path(path))
     try:
         if not capture.isOpened() or not _next_frame(capture, False)[0]:
             raise InputError(path, "cannot be decoded as a video", "convert it to .mp4 (H.264) or .mkv (FFV1)")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +13,13 @@ from synthetic import synthetic_result
 
 from mmocap_warp import cli
 from mmocap_warp.cli.console import BAD_INPUT, OK
+from mmocap_warp.commands.outputs import new_file
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.motion.captured_points import read_c3d
 from mmocap_warp.formats.toml_table import quoted
+from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.formats.usd.usd_result import write_result
+from mmocap_warp.masks.frames import open_frames
 from mmocap_warp.whole_file import file_name
 
 HOSTILE = (
@@ -96,6 +102,51 @@ def test_odd_names_are_folders_of_that_name(tmp_path: Path, name: str) -> None:
     assert len(list((tmp_path / "out" / name).glob("*.png"))) == 3
     assert cli.main(["cameras", str(tmp_path / "out"), "-o", str(tmp_path / "axes")]) == OK
     assert (tmp_path / "axes" / f"{name}.png").is_file()
+
+
+@pytest.fixture
+def not_utf8(tmp_path: Path) -> Path:
+    """A folder, of a name that is not UTF-8, with the scene in it."""
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("the file system has UTF-8 names alone")
+    (tmp_path / "scene").mkdir()
+    make_scene(tmp_path / "scene")
+    shutil.copytree(tmp_path / "scene", folder, dirs_exist_ok=True)
+    return folder
+
+
+def test_images_are_read_in_a_folder_whose_name_is_not_utf8(not_utf8: Path) -> None:
+    assert cli.main(["mask", str(not_utf8), "-o", str(not_utf8.parent / "masks"), "--quiet"]) == OK
+    assert len(list((not_utf8.parent / "masks").rglob("*.png"))) == 9
+    assert cli.main(["cameras", str(not_utf8)]) == OK
+
+
+@pytest.mark.parametrize("command", ["mask", "cameras", "track", "fit", "show", "view", "export", "calib check"])
+def test_such_an_output_is_refused_before_the_work(not_utf8: Path, capsys, result, command: str) -> None:
+    """And so are videos and bodies that OpenCV and USD would have to find there."""
+    plain = not_utf8.parent / "scene"
+    write_result(plain / "result.usdc", result)
+    before = files(not_utf8.parent)
+    places = {"scene": str(plain), "folder": str(plain), "out": str(not_utf8 / "o")}
+    assert cli.main([part.format(**places) for part in COMMANDS[command]]) == BAD_INPUT
+    assert "has a name that is not UTF-8" in capsys.readouterr().err.splitlines()[-1]
+    assert files(not_utf8.parent) == before
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".usda", ".c3d"])
+def test_what_native_libraries_would_read_there_is_refused(not_utf8: Path, suffix: str) -> None:
+    (not_utf8 / f"a{suffix}").write_bytes(b"#usda 1.0")
+    readers = {".mkv": open_frames, ".usda": read_body, ".c3d": read_c3d}
+    with pytest.raises(InputError, match="not UTF-8"):
+        readers[suffix](not_utf8 / f"a{suffix}")
+
+
+def test_a_name_that_leaves_no_room_for_endings_is_refused_before_the_work(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has a name of over 200 bytes"):
+        new_file(tmp_path / f"{'n' * 240}.usdc", ".usdc")
 
 
 @pytest.mark.parametrize("name", HOSTILE)

@@ -61,6 +61,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     tokens = sys.argv[1:] if argv is None else list(argv)
     # NumPy's matrix products have other last bits with other numbers of threads: results would depend on the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # A small file may say that its image is as large as the memory.
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 27))
     try:
         code = _run(tokens)
         sys.stdout.flush()

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.whole_file import native_path
+from mmocap_warp.whole_file import native_path, read_bytes
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pbm", ".pgm")
 
@@ -159,21 +159,12 @@ def _next_frame(capture: cv2.VideoCapture, decoded: bool) -> tuple[bool, np.ndar
 
 def read_image(path: Path) -> np.ndarray:
     """An image file, unchanged."""
-    return decode_image(read_bytes(path), path)
+    return decode_image(read_file(path), path)
 
 
-def read_bytes(path: Path) -> bytes:
-    """A file's content.
-
-    Raises:
-        InputError: there is no such file, or it cannot be read.
-    """
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "check the path; it is relative to the scene file") from None
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error})", "check its permissions") from None
+def read_file(path: Path) -> bytes:
+    """A file's content."""
+    return read_bytes(path, "check its permissions", missing="check the path; it is relative to the scene file")
 
 
 def decode_image(data: bytes, source: object) -> np.ndarray:

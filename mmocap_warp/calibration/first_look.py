@@ -13,7 +13,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.calibration.gross_mistake import Agreement, Silhouettes, agreement, find_mistake
+from mmocap_warp.calibration.gross_mistake import Agreement, Mistake, Silhouettes, agreement, find_mistake
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.masks.cleanup import rivals
@@ -76,25 +76,21 @@ def look(
     Raises:
         InputError: images that cannot be read.
     """
-    rig, frames = few_masks(scene, _SIDE, start)
+    views = few_views(scene, start)
+    rig, compared = views.rig, views.compared
     if len(rig) < 2:
         return FirstLook(f"has one view, {rig.names[0]}, and two or more are needed", "add a camera")
     # Masks by themselves.
-    problem, remedy = _mask_fault(scene, rig, frames)
+    problem, remedy = _mask_fault(scene, rig, views.frames)
     if problem is not None:
         return FirstLook(problem, remedy)
-    compared = [Silhouettes.of(masks) for masks in frames]
-    if (diameter := _diameter(compared)) < _DIAMETER < int(scene.calibrated.size.max()):
-        rig, frames = few_masks(scene, round(_SIDE * min(4.0, _DIAMETER / diameter)), start)
-        compared = [Silhouettes.of(masks) for masks in frames]
     seen = {k for frame in compared for k in frame.seeing}
-    doubts = [f"{name} shows nobody in {len(frames)} frames" for k, name in enumerate(rig.names) if k not in seen]
-    if not _diameter(compared) >= _MIN_DIAMETER:
+    doubts = [f"{name} shows nobody in {len(compared)} frames" for k, name in enumerate(rig.names) if k not in seen]
+    if not views.large_enough:
         return FirstLook(doubts=tuple(doubts))
     # The calibration, by all views together.
     check = f"check with: mmocap calib check {scene.path}"
-    now = agreement(rig, compared)
-    mistake = find_mistake(rig, compared, now)
+    now, mistake = views.mistake()
     if mistake is not None:
         found = f"{100 * now.share:.0f} % of the masks lie in the other views' hull, and nearly all after a repair"
         return FirstLook(f"{mistake} ({found})", check)
@@ -117,10 +113,47 @@ def look(
     return FirstLook(doubts=(*doubts, *([f"{problem}; {check}"] if problem is not None else [])))
 
 
-def _diameter(silhouettes: Sequence[Silhouettes]) -> float:
-    """The median of the circles about the masks [px]; NaN where nobody is seen."""
-    diameters = np.concatenate([frame.diameters for frame in silhouettes])
-    return float(np.median(diameters[np.isfinite(diameters)])) if np.isfinite(diameters).any() else float("nan")
+@dataclass(frozen=True, eq=False)
+class FewViews:
+    """A few frames of a scene, in images that are large enough to compare the views where the recording has such.
+
+    Attributes:
+        rig: the cameras at the masks' size.
+        frames: per frame and camera (height, width) bool.
+        compared: what is compared of each frame.
+    """
+
+    rig: CameraRig
+    frames: Sequence[list[np.ndarray]]
+    compared: list[Silhouettes]
+
+    @property
+    def diameter(self) -> float:
+        """The median of the circles about the masks [px]; NaN where nobody is seen."""
+        diameters = np.concatenate([frame.diameters for frame in self.compared])
+        return float(np.median(diameters[np.isfinite(diameters)])) if np.isfinite(diameters).any() else float("nan")
+
+    @property
+    def large_enough(self) -> bool:
+        """Whether the subject is so large that its silhouettes tell of the cameras."""
+        return self.diameter >= _MIN_DIAMETER
+
+    def mistake(self) -> tuple[Agreement, Mistake | None]:
+        """How well the views agree, and the gross mistake after whose repair they do, if there is one."""
+        now = agreement(self.rig, self.compared)
+        return now, find_mistake(self.rig, self.compared, now)
+
+
+def few_views(scene: Scene, start: Subject | None = None) -> FewViews:
+    """A few frames of a scene; ``start`` is the subject, where it is known."""
+    views = _views_of(*few_masks(scene, _SIDE, start))
+    if views.diameter < _DIAMETER < int(scene.calibrated.size.max()):
+        views = _views_of(*few_masks(scene, round(_SIDE * min(4.0, _DIAMETER / views.diameter)), start))
+    return views
+
+
+def _views_of(rig: CameraRig, frames: Sequence[list[np.ndarray]]) -> FewViews:
+    return FewViews(rig, frames, [Silhouettes.of(masks) for masks in frames])
 
 
 def few_masks(

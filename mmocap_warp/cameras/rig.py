@@ -11,6 +11,7 @@ import numpy as np
 
 from mmocap_warp.cameras.fisheye import distort_fisheye, folds_over, pinhole_of
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import file_name
 
 UP_AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
 _MAX_NUMBER = 1e9  # in a calibration; its square and cube are still finite
@@ -231,13 +232,14 @@ def check_rig(rig: CameraRig, source: object, placed: bool = True) -> CameraRig:
     If it is not ``placed``, the cameras are lenses that are all at the origin.
 
     Raises:
-        InputError: a name twice, values that are not finite, a matrix that is no rotation (mirrored ones
-            are named), focal lengths that are not pixels, or positions that are not metres.
+        InputError: a name twice or one that no file can have, values that are not finite, a matrix that is no rotation
+            (mirrored ones are named), focal lengths that are not pixels, or positions that are not metres.
     """
     repeated = sorted({name for name in rig.names if rig.names.count(name) > 1})
     if repeated:
         raise InputError(source, f"camera name '{repeated[0]}' is used twice", "give every camera its own name")
     for k, name in enumerate(rig.names):
+        file_name(name, f"{source}: camera")
         _check_camera(rig, k, f"{source}: camera '{name}'")
     if placed:
         _check_metres(rig, source)

@@ -35,6 +35,7 @@ from mmocap_warp.formats.table import calibration_export, read_calibration, writ
 from mmocap_warp.scene.camera_tables import write_timing
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.whole_file import file_name
 
 _BEFORE, _AFTER = (60, 60, 230), (80, 200, 60)  # BGR of the body's outline as calibrated, and as put right
 _MASK_GRAY = 110  # of a mask below these outlines
@@ -104,7 +105,9 @@ def _draw_axes(scene: Scene, folder: Path) -> tuple[Path, ...]:
     if any(image is None for image in images) and all(source.masks is not None for source in scene.cameras):
         masks = next(scene.masks(count=1))
     for k, name in enumerate(rig.names):
-        write_png(folder / f"{name}.png", draw_world_axes(_image_or_mask(images[k], masks[k]), rig, k))
+        write_png(
+            folder / f"{file_name(name, scene.path)}.png", draw_world_axes(_image_or_mask(images[k], masks[k]), rig, k)
+        )
     return tuple(folder / f"{name}.png" for name in rig.names)
 
 
@@ -200,7 +203,7 @@ def _draw_views(check: CameraCheck, folder: Path) -> tuple[Path, ...]:
         for drawn, colour in ((view.before, _BEFORE), (view.after, _AFTER)):
             outline, _ = cv2.findContours(drawn.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
             cv2.drawContours(image, outline, -1, colour, 1, cv2.LINE_AA)
-        files.append(folder / f"{view.camera}.png")
+        files.append(folder / f"{file_name(view.camera, folder)}.png")
         write_png(files[-1], image)
     return tuple(files)
 

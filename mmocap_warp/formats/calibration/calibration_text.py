@@ -25,7 +25,7 @@ def refuse_huge(path: str | Path, most: int = _MAX_BYTES) -> None:
 def read_short_text(path: str | Path, kind: str, most: int = _MAX_BYTES) -> str:
     """A file's text; ``kind`` says what it should be, for the remedy."""
     refuse_huge(path, most)
-    return read_text(path, f"give {kind}", missing=f"give {kind}")
+    return read_text(path, f"give {kind}", missing=f"give {kind}", most=most)
 
 
 METRES = {"m": 1.0, "mm": 0.001}

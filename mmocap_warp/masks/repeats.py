@@ -33,10 +33,9 @@ def repeated_views(observations: Iterable[Observation]) -> np.ndarray:
     level = np.percentile(np.nan_to_num(change), _LEVEL, axis=0)
     known = level > _MIN_LEVEL
     share = change[:, known] / level[known]
-    # All views at once.
-    repeated[_credible(_mean(share), (np.nan_to_num(share) < _SAME).all(axis=1) & np.isfinite(share).any(axis=1))] = (
-        True
-    )
+    # All views at once: those that see anybody.
+    at_once = (np.nan_to_num(share) < _SAME).all(axis=1) & np.isfinite(share).any(axis=1)
+    repeated[_credible(_mean(share), at_once)] = True
     # A view by itself, while the others move.
     for number, k in enumerate(np.flatnonzero(known)):
         others = _mean(np.delete(share, number, axis=1))
@@ -76,24 +75,20 @@ def _credible(share: np.ndarray, same: np.ndarray, others: np.ndarray | None = N
     """
     same[0] = False
     edges = np.flatnonzero(np.diff(same.astype(int), prepend=0, append=0))
-    short, chosen = [], []
-    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        stops_at_once = first <= 1 or share[first - 1] > _MOVING
+    leap, credible, short = _LEAP if others is None else _LEAP_OF_ONE, np.zeros(len(same), bool), []
+    for first, end in edges.reshape(-1, 2).tolist():
+        last = end == len(same)
+        stops_at_once = first == 1 or share[first - 1] > _MOVING
         if not stops_at_once or (others is not None and others[first:end].mean() < _MOVING):
             continue
         if end - first > _SHORT:
-            if end == len(same):
-                leaps = others is not None and end - first >= _MIN_FROZEN
-            else:
-                leaps = share[end] > (_LEAP if others is None else _LEAP_OF_ONE)
-            chosen += [(first, end)] if leaps and first > 1 else []
-        elif end == len(same) or share[end] > _MOVING:
+            lasts = others is not None and end - first >= _MIN_FROZEN
+            credible[first:end] = first > 1 and (lasts if last else share[end] > leap)
+        elif last or share[end] > _MOVING:
             short.append((first, end))
     # Short repetitions count where many follow each other.
     starts = np.array([first for first, _ in short])
-    for pattern in np.split(np.arange(len(short)), np.flatnonzero(np.diff(starts) > _APART) + 1):
-        chosen += [short[i] for i in pattern] if len(pattern) >= _MIN_PATTERN else []
-    credible = np.zeros(len(same), bool)
-    for first, end in chosen:
-        credible[first:end] = True
+    for pattern in np.split(np.array(short), np.flatnonzero(np.diff(starts) > _APART) + 1):
+        for first, end in pattern if len(pattern) >= _MIN_PATTERN else ():
+            credible[first:end] = True
     return credible

@@ -22,8 +22,6 @@ from mmocap_warp.tracking.track_config import TrackConfig
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
-_SHOWN_CAMERAS = 8  # of which the overlap is printed
-
 TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
@@ -108,8 +106,8 @@ def show(call: Any) -> Answer:
     files = {"sheet": drawn.sheet} if drawn.video is None else {"video": drawn.video, "sheet": drawn.sheet}
     if drawn.verdict is None:
         return Answer(files, files.values())
-    rows = [("overlap", _by_camera(drawn.verdict["iou_by_camera"])), *_verdict(drawn.verdict)]
-    return Answer({**files, "verdict": drawn.verdict}, [*files.values(), table(rows)])
+    values = {**files, "verdict": drawn.verdict, "iou_by_camera": drawn.iou_by_camera}
+    return Answer(values, [*files.values(), _judgement(values)])
 
 
 @command("show:view", order="output images rerun scene", truth=None, name=None)
@@ -213,7 +211,6 @@ def summary(report: dict[str, Any]) -> str:
         ("evaluations/s", _number(report["evaluations_per_second"], ",.0f")),
         ("mean IoU", _number(report["mean_iou"], ".3f")),
         ("worst IoU", f"{_number(report['worst_iou'], '.3f')} (frame {report['worst_iou_frame']})"),
-        ("by camera", _by_camera(report["iou_by_camera"])),
         ("shake", f"{_number(report['shake_mm'], '.1f')} mm"),
     ]
     errors = (
@@ -235,19 +232,13 @@ def summary(report: dict[str, Any]) -> str:
         rows.append(("limb lost in", f"{len(report['limb_lost_frames'])} frames"))
     if report.get("wrongly_tracked"):
         rows.append(("wrongly tracked", f"{report['wrongly_tracked']} frames"))
-    return table(rows + _verdict(report["verdict"]) if "verdict" in report else rows)
+    return "\n".join([table(rows), *([_judgement(report)] if "verdict" in report else [])])
 
 
-def _by_camera(iou: dict[str, float | None]) -> str:
-    """Mean overlap by camera; of many cameras those with the least."""
-    worst = sorted(iou, key=lambda name: iou[name] or 0.0)[:_SHOWN_CAMERAS]
-    shown = ", ".join(f"{name} {_number(iou[name], '.3f')}" for name in iou if name in worst)
-    return shown + (f" ({len(iou) - len(worst)} more have more)" if len(iou) > len(worst) else "")
-
-
-def _verdict(values: dict[str, Any]) -> list[tuple[str, ...]]:
-    """The lines of a verdict as rows."""
-    return [("verdict" if i == 0 else "", line) for i, line in enumerate(values["lines"])]
+def _judgement(report: dict[str, Any]) -> str:
+    """Overlap by camera, and the verdict in words."""
+    overlap = [f"{name} {_number(iou if iou == iou else None, '.3f')}" for name, iou in report["iou_by_camera"].items()]
+    return "\n".join([f"IoU by camera: {', '.join(overlap)}", *report["verdict"]["lines"]])
 
 
 def beside(reports: dict[str, dict[str, Any]]) -> str:

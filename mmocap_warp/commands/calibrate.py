@@ -260,10 +260,17 @@ def refine_cameras(
     sized = None if height is not None or distance is not None else generic
     look_first(loaded, sized, reporter, trust_cameras, to_be_mended=True)
     start_warp(config.device)
+    return refine_scene(loaded, generic, config, file, reporter)
+
+
+def refine_scene(
+    scene: Scene, body: BodyModel, config: AdjustConfig, file: Path | None, reporter: Reporter
+) -> Refinement:
+    """Refine a scene's cameras, and write them to ``file``, if there is one, where they are better."""
     with reporter.stage("refine", None) as progress:
-        result = refinement.refine(loaded, generic, config, lambda stage, done: progress(round(100 * done), 100))
+        result = refinement.refine(scene, body, config, lambda stage, done: progress(round(100 * done), 100))
     if file is not None and result.better:
-        write_toml_rig(file, result.rig, offsets=result.offsets(loaded))
+        write_toml_rig(file, result.rig, offsets=result.offsets(scene))
     return result
 
 

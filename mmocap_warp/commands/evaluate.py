@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,7 +10,7 @@ from mmocap_warp.biomechanics import measure_all
 from mmocap_warp.biomechanics.measure_all import Measures
 from mmocap_warp.biomechanics.measure_tables import write_tables
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
-from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_file, scene_of, truth_of
+from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_plots import plot_angles, plot_feet
 from mmocap_warp.errors import InputError, UsageError
@@ -19,6 +19,7 @@ from mmocap_warp.result import evaluation
 from mmocap_warp.result.other_world import axes_after
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.verdict import verdict
 from mmocap_warp.scene.recording import Scene
 
 
@@ -44,8 +45,8 @@ def evaluate(
         reporter: who is told of warnings.
 
     Returns:
-        What :func:`mmocap_warp.result.evaluation.evaluate` gives, and ``verdict``: how far the result is to be trusted,
-        see :class:`mmocap_warp.result.verdict.Verdict`.
+        What :func:`mmocap_warp.result.evaluation.evaluate` gives and, as ``verdict``, how far it is to be
+        trusted, see :func:`mmocap_warp.result.verdict.verdict`.
 
     Raises:
         InputError: a file that cannot be read, or a truth of other frames or of a body with other joints.
@@ -53,7 +54,7 @@ def evaluate(
     """
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
-    named_by, file = "scene" if truth is None else "truth", None
+    named_by, file, recorded = "scene" if truth is None else "truth", None, None
     if truth is None and (recorded := scene_of(tracked, path, scene, reporter)) is not None:
         truth, file, truth_axes = truth_of(recorded), recorded.truth, recorded.truth_axes
     elif isinstance(truth, str | Path):
@@ -62,7 +63,7 @@ def evaluate(
     start_warp()
     tracked = tracked.at(positions)
     report, fault = _judged(tracked, truth, file, truth_axes, named_by)
-    report["verdict"] = verdict_values(tracked, scene_file(tracked, path, scene))
+    report["verdict"] = verdict(tracked, None if recorded is None else recorded.path)
     if fault is not None:
         (reporter or Reporter()).warn(f"check failed: {fault}")
     return report
@@ -76,13 +77,7 @@ def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str
     """
     report, fault = _judged(result, truth_of(scene), scene.truth, scene.truth_axes, "scene")
     del report["series"]
-    return report | {"verdict": verdict_values(result, scene.path)}, fault
-
-
-def verdict_values(result: Result, scene: Path | None) -> dict[str, Any]:
-    """The verdict on a result: its facts by name, and its ``lines`` for people, which name the scene's file."""
-    verdict = result.verdict()
-    return {**asdict(verdict), "holds": verdict.holds, "lines": verdict.lines(scene)}
+    return report | {"verdict": verdict(result, scene.path)}, fault
 
 
 def _judged(

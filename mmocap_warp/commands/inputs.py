@@ -164,14 +164,6 @@ def scene_of(
     return load_scene(recorded, identity=identity)
 
 
-def scene_file(result: Result, path: Path | None, named: Scene | str | Path | None) -> Path | None:
-    """The scene's file that is named now, or that a result in a file at ``path`` names; None if neither."""
-    if named is not None:
-        return named.path if isinstance(named, Scene) else Path(named)
-    reference = result.config.get("scene")
-    return None if reference is None else Path(os.path.normpath((path.parent if path else Path()) / reference))
-
-
 def truth_of(scene: Scene | None) -> Truth | None:
     """The truth that the scene names."""
     if scene is None or scene.truth is None:

@@ -8,8 +8,7 @@ from typing import Any, Literal
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
-from mmocap_warp.commands.evaluate import verdict_values
-from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_file, scene_of, truth_of
+from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.display import result_video
 from mmocap_warp.display.page import viewer
@@ -20,10 +19,11 @@ from mmocap_warp.formats.exports.rigs import with_rig
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import holds_result
+from mmocap_warp.result.evaluation import iou_by_camera
 from mmocap_warp.result.excerpt import at_rate, before_smoothing, of_run, stood_up
-from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.verdict import verdict
 from mmocap_warp.scene.frame_choice import as_range
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
@@ -39,12 +39,13 @@ class Drawing:
     Attributes:
         video: all frames; None of a subject, which has one.
         sheet: some frames of all cameras, or the subject.
-        verdict: how far the result is to be trusted, as in the report of ``evaluate``, and its ``iou_by_camera``.
+        verdict, iou_by_camera: as in the report of ``evaluate``; None of a subject.
     """
 
     video: Path | None
     sheet: Path
     verdict: dict[str, Any] | None = None
+    iou_by_camera: dict[str, float] | None = None
 
 
 @releases_locks
@@ -84,11 +85,9 @@ def show(
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
     start_warp()
-    draw_result(tracked, scene_of(tracked, path, scene, reporter), video, sheet, reporter, positions)
-    shown = tracked.at(positions)
-    means = nanmean(shown.iou[shown.best_run], axis=0).tolist()
-    verdict = {"iou_by_camera": dict(zip(shown.cameras.names, means, strict=True))}
-    return Drawing(video, sheet, verdict | verdict_values(shown, scene_file(tracked, path, scene)))
+    recorded, shown = scene_of(tracked, path, scene, reporter), tracked.at(positions)
+    draw_result(tracked, recorded, video, sheet, reporter, positions)
+    return Drawing(video, sheet, verdict(shown, None if recorded is None else recorded.path), iou_by_camera(shown))
 
 
 def _beside(result: object, output: str | Path | None, suffix: str) -> Path:

@@ -30,59 +30,65 @@ def repeated_views(observations: Iterable[Observation]) -> np.ndarray:
     repeated = np.zeros(change.shape, bool)
     if len(change) < _MIN_PATTERN:
         return repeated
-    level = np.percentile(change, _LEVEL, axis=0)
+    level = np.percentile(np.nan_to_num(change), _LEVEL, axis=0)
     known = level > _MIN_LEVEL
     share = change[:, known] / level[known]
-    # All views at once.
-    at_once = _credible(np.median(share, axis=1), (share < _SAME).all(axis=1)) if known.any() else repeated[:, 0]
-    repeated[at_once] = True
+    # All views at once: those that see anybody.
+    at_once = (np.nan_to_num(share) < _SAME).all(axis=1) & np.isfinite(share).any(axis=1)
+    repeated[_credible(_mean(share), at_once)] = True
     # A view by itself, while the others move.
     for number, k in enumerate(np.flatnonzero(known)):
-        others = np.delete(share, number, axis=1)
-        if others.shape[1]:
-            same = (share[:, number] < _SAME) & (np.median(others, axis=1) > _MOVING)
-            repeated[:, k] |= _credible(share[:, number], same, alone=True)
+        others = _mean(np.delete(share, number, axis=1))
+        repeated[:, k] |= _credible(share[:, number], share[:, number] < _SAME, others)
     return repeated
 
 
 def _changes(observations: Iterable[Observation]) -> np.ndarray:
-    """(frame, camera) by how much outlines move from the frame before, about [px]; 0 in the first frame."""
+    """(frame, camera) by how much outlines move from the frame before, about [px]; 0 in the first frame.
+
+    NaN where nobody is seen.
+    """
     changes, before = [], None
     for seen in observations:
         last = before or seen
+        largest = np.maximum(seen.foreground, last.foreground)
         pixels = np.bitwise_count(seen.words ^ last.words).sum(axis=(1, 2), dtype=np.int64)
-        changes.append(pixels / (4 * np.sqrt(np.maximum(1, np.maximum(seen.foreground, last.foreground)))))
+        changes.append(np.where(seen.foreground > 0, pixels / (4 * np.sqrt(np.maximum(largest, 1))), np.nan))
         before = seen
     return np.array(changes)
 
 
-def _credible(share: np.ndarray, same: np.ndarray, alone: bool = False) -> np.ndarray:
+def _mean(share: np.ndarray) -> np.ndarray:
+    """(frame,) mean over the views that see anybody, 0 where none does."""
+    mean: np.ndarray = np.nan_to_num(share).sum(axis=1) / np.maximum(1, np.isfinite(share).sum(axis=1))
+    return mean
+
+
+def _credible(share: np.ndarray, same: np.ndarray, others: np.ndarray | None = None) -> np.ndarray:
     """(frame,) bool: those frames that are the ``same`` as before because an image was repeated.
 
     Args:
         share: (frame,) change as a share of the level.
         same: (frame,) bool.
-        alone: whether it is one view while the others move, which may be frozen to the clip's end.
+        others: (frame,) the same share of the other views, which must move meanwhile; None for all views at once. One
+            view may be frozen to the clip's end.
     """
     same[0] = False
     edges = np.flatnonzero(np.diff(same.astype(int), prepend=0, append=0))
-    short, chosen = [], []
-    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if first > 1 and share[first - 1] < _MOVING:
-            continue  # motion does not stop at once
+    leap, credible, short = _LEAP if others is None else _LEAP_OF_ONE, np.zeros(len(same), bool), []
+    for first, end in edges.reshape(-1, 2).tolist():
+        last = end == len(same)
+        stops_at_once = first == 1 or share[first - 1] > _MOVING
+        if not stops_at_once or (others is not None and others[first:end].mean() < _MOVING):
+            continue
         if end - first > _SHORT:
-            if end == len(same):
-                leaps = alone and end - first >= _MIN_FROZEN
-            else:
-                leaps = share[end] > (_LEAP_OF_ONE if alone else _LEAP)
-            chosen += [(first, end)] if leaps and first > 1 else []
-        elif end == len(same) or share[end] > _MOVING:
+            lasts = others is not None and end - first >= _MIN_FROZEN
+            credible[first:end] = first > 1 and (lasts if last else share[end] > leap)
+        elif last or share[end] > _MOVING:
             short.append((first, end))
     # Short repetitions count where many follow each other.
     starts = np.array([first for first, _ in short])
-    for pattern in np.split(np.arange(len(short)), np.flatnonzero(np.diff(starts) > _APART) + 1):
-        chosen += [short[i] for i in pattern] if len(pattern) >= _MIN_PATTERN else []
-    credible = np.zeros(len(same), bool)
-    for first, end in chosen:
-        credible[first:end] = True
+    for pattern in np.split(np.array(short), np.flatnonzero(np.diff(starts) > _APART) + 1):
+        for first, end in pattern if len(pattern) >= _MIN_PATTERN else ():
+            credible[first:end] = True
     return credible

@@ -109,8 +109,13 @@ def _overlap(result: Result, iou: np.ndarray) -> _Report:
         "mean_iou": _mean(nanmean(iou, axis=1)),
         "worst_iou": worst.min(),
         "worst_iou_frame": int(result.frame_numbers[worst.argmin()]) if np.isfinite(worst).any() else None,
-        "iou_by_camera": dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)), strict=True)),
+        "iou_by_camera": iou_by_camera(result),
     }
+
+
+def iou_by_camera(result: Result) -> dict[str, float]:
+    """Mean overlap of each camera over all frames and runs."""
+    return dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)).tolist(), strict=True))
 
 
 def _sigmas(result: Result) -> _Report:

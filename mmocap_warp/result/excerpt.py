@@ -35,7 +35,7 @@ def before_smoothing(result: Result) -> Result:
     """
     if result.raw_pose is None:
         raise ValueError("the track was not smoothed, so it has no other")
-    unknown: dict[str, Any] = dict.fromkeys(("raw_pose", "angle_sigma", "joint_sigma", "view_shift", "part_doubt"))
+    unknown: dict[str, Any] = dict.fromkeys(("raw_pose", "angle_sigma", "joint_sigma", "view_shift"))
     return replace(result, pose=result.raw_pose, **unknown)
 
 
@@ -59,7 +59,7 @@ def at_rate(result: Result, fps: float) -> Result:
     # Where they lie among the result's frames: poses are interpolated, the rest is the nearest frame's.
     place = np.interp(numbers / fps, known, np.arange(len(known)))
     nearest = np.round(place).astype(int)
-    kept = ("cost", "iou", "evaluations", "status", "view_shift", "part_doubt")
+    kept = ("cost", "iou", "evaluations", "status", "view_shift")
     is_length = result.subject.body.skeleton.is_length
 
     def resampled(pose: np.ndarray) -> np.ndarray:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
-
-if TYPE_CHECKING:
-    from mmocap_warp.result.verdict import Verdict
 
 STATUS: tuple[str, ...] = ("tracked", "partial", "lost", "rescued", "interpolated", "repeated")
 """How a frame's pose was found.
@@ -68,7 +65,6 @@ class Result:
             [m]; likewise.
         view_shift: (run, frame, camera) float64, by how far a view's masks lie beside the body as a whole [m], NaN
             where nothing of it is seen; None where that was not looked at.
-        part_doubt: (run, frame, part) float64, 1 for a part of the body that the views contradict, else 0; likewise.
         left_out_before: how many frames of the track were before the first, where this is a part of it.
 
     Raises:
@@ -91,7 +87,6 @@ class Result:
     angle_sigma: np.ndarray | None = None
     joint_sigma: np.ndarray | None = None
     view_shift: np.ndarray | None = None
-    part_doubt: np.ndarray | None = None
     left_out_before: int = 0
 
     def __repr__(self) -> str:
@@ -114,10 +109,9 @@ class Result:
         poses = runs, frames, skeleton.coordinates
         if not runs or not frames or (np.diff(self.frame_numbers) <= 0).any():
             raise ValueError("a result needs a run, a frame, and frame_numbers that ascend")
-        views, parts = (runs, frames, cameras), (runs, frames, len(skeleton.parts))
-        shapes = {"joint_sigma": (runs, frames, len(skeleton.joints), 3), "iou": views, "view_shift": views}
-        shapes |= {"part_doubt": parts}
+        shapes: dict[str, tuple[int, ...]] = {"joint_sigma": (runs, frames, len(skeleton.joints), 3)}
         shapes |= dict.fromkeys(("pose", "raw_pose", "angle_sigma"), poses)
+        shapes |= dict.fromkeys(("iou", "view_shift"), (runs, frames, cameras))
         for name, array in self.arrays.items():
             shape = shapes.get(name, (runs, frames))
             if array.shape != shape:
@@ -127,7 +121,7 @@ class Result:
     def arrays(self) -> dict[str, Any]:
         """The arrays (run, frame, ...) that there are, by name."""
         required = ("pose", "cost", "iou", "evaluations", "status")
-        names = (*required, "raw_pose", "angle_sigma", "joint_sigma", "view_shift", "part_doubt")
+        names = (*required, "raw_pose", "angle_sigma", "joint_sigma", "view_shift")
         return {name: array for name in names if (array := getattr(self, name)) is not None}
 
     @property
@@ -147,12 +141,6 @@ class Result:
         arrays = {name: array[:, chosen] for name, array in self.arrays.items()}
         before = self.left_out_before + int(chosen[0])
         return replace(self, frame_numbers=self.frame_numbers[chosen], left_out_before=before, **arrays)
-
-    def verdict(self) -> Verdict:
-        """How far the best run is to be trusted."""
-        from mmocap_warp.result.verdict import verdict  # which knows results
-
-        return verdict(self)
 
     def joints(self) -> np.ndarray:
         """Joint centres in the world: (run, frame, joint, 3) float64 [m], the joints in the order of the body's."""

@@ -19,13 +19,12 @@ from mmocap_warp.formats.toml_table import Table, is_number
 from mmocap_warp.masks.frames import VideoFile, open_frames, open_image
 from mmocap_warp.masks.mask_files import open_masks
 from mmocap_warp.scene.kept_masks import read_mark
-from mmocap_warp.scene.recording import CameraSource
+from mmocap_warp.scene.recording import CameraSource, split_offset
 from mmocap_warp.whole_file import file_name, read_text, write_whole
 
 RATE_TOLERANCE = 0.005
 """Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
 
-_WHOLE_TOLERANCE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
 _MAX_OFFSET = 1e8  # frames
 _HEADER = re.compile(r"\s*\[(?!\[)(?P<name>.*)\]\s*(#.*)?$")
 _OFFSET = re.compile(r"\s*(frame_offset|offset)\s*=")
@@ -159,9 +158,7 @@ def _take_offset(table: Table, fps: float) -> tuple[int, float]:
     frames = table.take("offset", float) * fps
     if abs(frames) > _MAX_OFFSET:
         raise table.error(f"offset is {frames:.3g} frames", "give the seconds by which this camera lags")
-    whole = round(frames)
-    fraction = frames - whole
-    return whole, fraction if abs(fraction) > _WHOLE_TOLERANCE else 0.0
+    return split_offset(frames)
 
 
 def _check_rate(source: CameraSource, fps: float, table: Table) -> None:

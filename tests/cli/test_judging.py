@@ -56,7 +56,8 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
 
     monkeypatch.setattr(Tracker, "step", lambda self, seen: tracked.append(seen) or step(self, seen))
     monkeypatch.setattr("mmocap_warp.display.result_video.show", show)
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
+    code = console.CHECK_FAILED if keep == "largest" else console.OK  # the largest is not the body
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == code
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
     assert len(drawn) == FRAMES
     for mine, theirs in zip(drawn, tracked, strict=True):
@@ -67,7 +68,7 @@ def test_show_subtracts_nothing_that_was_tracked(tmp_path, monkeypatch):
     scene = write_scene(tmp_path, 'source = "clean_plate"')
     # So small a body is cleaned away as a speck, and what stands beside it is no body.
     arguments = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet", "--trust-cameras"]
-    assert cli.main(arguments) == console.OK
+    assert cli.main(arguments) == console.CHECK_FAILED
     assert "no common hull" in read_result(tmp_path / "r.usdc").config["trusted_cameras"]
     monkeypatch.delattr("mmocap_warp.masks.subtraction.GaussianBackground.foreground")
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK

@@ -57,23 +57,6 @@ class MatchingConfig:
         return replace(self, **lengths)
 
 
-@dataclass(frozen=True, eq=False)
-class OutlineMatch:
-    """How the outlines of poses lie beside the masks, edge by edge; all zero where an edge is no outline.
-
-    Attributes:
-        vertex: (pose, camera, edge) a vertex of the tracking mesh at each edge.
-        normal: (pose, camera, edge, 2) outward.
-        weighted: (pose, camera, edge, 2) residual [px], weight.
-        tally: (pose, camera, edge, 4) cost; length, that matched [px]; exposed [m].
-    """
-
-    vertex: np.ndarray
-    normal: np.ndarray
-    weighted: np.ndarray
-    tally: np.ndarray
-
-
 WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)
 """For what is still far from the masks."""
 
@@ -257,9 +240,11 @@ class ContourFitter:
         parts = [self._read_sums(count) for count in self._summed(place, rooted, neighbours)]
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def linearise_views(self, place: np.ndarray, rooted: RootedPoses) -> ViewEquations:
+    def linearise_views(
+        self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None
+    ) -> ViewEquations:
         """As :meth:`linearise`, each view apart, and with the view's own columns behind the body's parameters."""
-        parts = [self._read_views(count) for count in self._summed(place, rooted)]
+        parts = [self._read_views(count) for count in self._summed(place, rooted, neighbours)]
         return ViewEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def _summed(self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None) -> Iterator[int]:
@@ -271,19 +256,6 @@ class ContourFitter:
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
             self._work.run(self._sum, part.stop - part.start)
             yield part.stop - part.start
-
-    def match(self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours) -> OutlineMatch:
-        """How the outlines of poses, at most ``candidates``, lie beside the masks of the frames in places (pose,)."""
-        if self.late:
-            self.move(rooted, neighbours)
-        self.start_at(rooted.pose, rooted.base, place)
-        count, outline, found = len(rooted), self._outline, self._residuals
-        self._work.run(self._match, count)
-        number = outline.count.numpy()[:count, :, None]
-        is_contour = np.arange(outline.size) < number
-        arrays = (found.normal, found.weighted, found.tally)
-        matched = (np.where(is_contour[..., None], each.numpy()[:count], 0.0) for each in arrays)
-        return OutlineMatch(np.where(is_contour, outline.ends.numpy()[:count, ..., 0], 0), *matched)
 
     def start_at(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> None:
         """Set the first candidates' poses (n, coordinate), root bases (n, 3, 3), and the places of their frames."""
@@ -316,18 +288,13 @@ class ContourFitter:
     def _sum(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their sums."""
         views, posed, outline, residuals = self._views, self._posed, self._outline, self._residuals
-        self._match(batch)
+        self._skin(batch)
         turn_axes(self.descent.pose, batch, posed)
         move_origins(posed, self._change, batch)
+        find_contours(self._edges, posed.vertex, self._moving, views, batch, outline)
+        find_residuals(outline, self.fields.struct, views, self._matching, batch, residuals)
         differentiate(posed, self._tree, self._change, views, outline, residuals, batch, self._rows)
         sum_normal_equations(outline, residuals, self._rows, batch, self._sums)
-
-    def _match(self, batch: Batch) -> None:
-        """From the poses of a batch's candidates to the residuals of their outlines."""
-        views, outline = self._views, self._outline
-        self._skin(batch)
-        find_contours(self._edges, self._posed.vertex, self._moving, views, batch, outline)
-        find_residuals(outline, self.fields.struct, views, self._matching, batch, self._residuals)
 
     def _read_sums(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Matrix, gradient and cost, for half the squares."""

@@ -107,7 +107,6 @@ def with_rig(result: Result, rig: str) -> Result:
         raw_pose=None,
         angle_sigma=None,
         joint_sigma=None,
-        part_doubt=None,
     )
 
 

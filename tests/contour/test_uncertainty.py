@@ -15,6 +15,7 @@ from mmocap_warp.contour.clip.clip_problem import ClipProblem, SolvedWindow
 from mmocap_warp.contour.clip.motion_penalty import MotionPenalty
 from mmocap_warp.contour.clip.uncertainty import (
     NOISE,
+    SYSTEMATIC,
     USUAL_DEPARTURE,
     USUAL_MISFIT,
     BodyChanges,
@@ -243,9 +244,9 @@ def test_both_parts_count_and_grow_with_the_misfit():
     noise, body = (Uncertainty(np.full((1, 2), value), np.full((1, 1, 3), value)) for value in (0.01, 0.02))
     widest = np.array([np.inf, 0.03])
     usual = combine(noise, body, USUAL_MISFIT, widest)
-    expected = np.hypot(NOISE * 0.01, 0.02)
+    expected = np.hypot(NOISE * 0.01, SYSTEMATIC * 0.02)
     np.testing.assert_allclose(usual.joint, expected)
-    larger = np.hypot(NOISE * 0.01, 2 * 0.02)
+    larger = np.hypot(NOISE * 0.01, 2 * SYSTEMATIC * 0.02)
     np.testing.assert_allclose(combine(noise, body, 2 * USUAL_MISFIT, widest).joint, 2 * larger)
     np.testing.assert_allclose(combine(noise, body, 2 * USUAL_MISFIT, widest).pose, [[2 * larger, 0.03]])
     np.testing.assert_allclose(combine(noise, body, 8 * USUAL_MISFIT, widest).joint, 8 * larger)

@@ -25,6 +25,8 @@ from mmocap_warp.contour.frame.rooted import FrameArrays, RootedPoses
 
 NOISE = 1.3
 """Measured deviations from frame to frame, in units of those that the normal matrix predicts."""
+SYSTEMATIC = 0.7
+"""Measured deviations that all frames share, in units of those that the body's family and the residuals predict."""
 USUAL_MISFIT = 0.011
 """Root mean square of contours' distances at which measured deviations are as large as predicted [m]."""
 
@@ -282,8 +284,9 @@ def combine(
         usual: misfit, which shrinks with small bodies as the lengths do that contours are matched by [m].
     """
     scale = misfit / usual
+    alike = SYSTEMATIC * min(scale, MOST_SYSTEMATIC)
     pose, joint = (
-        scale * np.hypot(NOISE * own, min(scale, MOST_SYSTEMATIC) * shared)
+        scale * np.hypot(NOISE * own, alike * shared)
         for own, shared in ((noise.pose, body.pose), (noise.joint, body.joint))
     )
     return Uncertainty(np.minimum(pose, widest), joint)

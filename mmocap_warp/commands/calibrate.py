@@ -22,13 +22,13 @@ from mmocap_warp.calibration.refine.refinement import Refinement
 from mmocap_warp.calibration.solve import solution
 from mmocap_warp.calibration.solve.solution import SolvedCameras
 from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
-from mmocap_warp.cameras.rig import UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
+from mmocap_warp.cameras.rig import METRES, UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, body_from, look_first, scene_from
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
 from mmocap_warp.display.still_pictures import floor_picture
 from mmocap_warp.errors import UsageError
-from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER, METRES
+from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.table import calibration_export, read_calibration, write_calibration
@@ -343,7 +343,7 @@ def convert_cameras(
         calibration: cameras, or their file, known by its ending, or a folder where the format has one.
         output: NAME.toml (Pose2Sim, aniposelib), intri.yml (EasyMocap, OpenCV; with extri.yml), cameras.txt (COLMAP;
             with images.txt and points3D.txt) or NAME.usda, NAME.usdc, NAME.usd.
-        units: m or mm, of the lengths that are read, where the format leaves that open.
+        units: m, mm, cm, in or ft, of the lengths that are read, where the format leaves that open.
         up: the vertical of the calibration's world, such as +y; it is written to USD, the other formats do not have it.
         size: such as 1920x1080, of the images of cameras for which the calibration has none.
         force: replace files that exist.
@@ -353,7 +353,7 @@ def convert_cameras(
         InputError: a calibration that cannot be read, or files that cannot be written.
     """
     if units is not None and units not in METRES:
-        raise UsageError(f"--units must be {' or '.join(METRES)}, got '{units}'")
+        raise UsageError(f"--units must be one of {', '.join(METRES)}, got '{units}'")
     if up not in UP_AXES:
         raise UsageError(f"--up must be one of {', '.join(UP_AXES)}, got '{up}'")
     pixels = None if size is None else re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", size)

@@ -195,7 +195,9 @@ def images_in_order(names: list[str], source: Path) -> list[str]:
     Raises:
         InputError: no image is among them, or numbered ones leave one out.
     """
-    images = sorted((name for name in names if Path(name).suffix.lower() in _IMAGE_SUFFIXES), key=natural_order)
+    # macOS puts a hidden file of the same ending beside each.
+    of_images = [name for name in names if Path(name).suffix.lower() in _IMAGE_SUFFIXES]
+    images = sorted((name for name in of_images if not Path(name).name.startswith(".")), key=natural_order)
     if not images:
         raise InputError(source, "holds no images", f"put one image per frame there ({', '.join(_IMAGE_SUFFIXES)})")
     stems = [Path(name).stem for name in images]

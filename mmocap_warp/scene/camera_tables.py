@@ -20,7 +20,7 @@ from mmocap_warp.masks.frames import VideoFile, open_frames, open_image
 from mmocap_warp.masks.mask_files import open_masks
 from mmocap_warp.scene.kept_masks import read_mark
 from mmocap_warp.scene.recording import CameraSource, split_offset
-from mmocap_warp.whole_file import file_name, write_whole
+from mmocap_warp.whole_file import file_name, read_text, write_whole
 
 RATE_TOLERANCE = 0.005
 """Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
@@ -206,7 +206,7 @@ def write_timing(path: Path, timing: Mapping[str, Mapping[str, float]]) -> None:
     Raises:
         InputError: the file is written in a way in which they cannot be set, such as cameras in inline tables.
     """
-    text = path.read_text(encoding="utf-8")
+    text = read_text(path, "give a TOML text file")
     lines: list[str] = []
     camera = ""
     for line in text.splitlines(keepends=True):

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from mmocap_warp.cameras.rig import METRES
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import read_text
 
@@ -28,10 +29,6 @@ def read_short_text(path: str | Path, kind: str, most: int = _MAX_BYTES) -> str:
     return read_text(path, f"give {kind}", missing=f"give {kind}", most=most)
 
 
-METRES = {"m": 1.0, "mm": 0.001}
-"""Metres per unit of length."""
-
-
 def stated_metres(units: str | None, source: object) -> float:
     """Metres per unit of length of a file whose format has no unit of its own.
 
@@ -39,7 +36,7 @@ def stated_metres(units: str | None, source: object) -> float:
         InputError: the unit is not known.
     """
     if units is None:
-        remedy = 'say which: units = "m" or "mm" under [cameras] of the scene, or --units'
+        remedy = f"say which: units = {' or '.join(METRES)} under [cameras] of the scene, or --units"
         raise InputError(source, "does not state the unit of its lengths", remedy)
     return METRES[units]
 

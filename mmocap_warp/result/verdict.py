@@ -27,11 +27,12 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     """How far a result's best run is to be trusted.
 
     ``frames`` counts those that show anything new, and ``trusted`` those of them that are ``tracked`` or ``rescued``,
-    or ``partial`` with no part of the body in doubt, in two views or more; none where a camera is over 35 mm off or
-    ``problem`` says why masks and calibration fit no body, and were trusted all the same. ``holds`` says whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over
-    100 mm off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how
-    many frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while
-    the others go on, by camera. ``lines`` say all that in words, with what to do next about a ``scene``.
+    or ``partial`` with no part of the body in doubt, in two views or more; none where a camera is over 35 mm off, or
+    where there is a ``problem``: masks and calibration fit no body, and were trusted all the same. ``holds`` says
+    whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over 100 mm off, by part;
+    ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how many frames repeat
+    the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while the others go on, by
+    camera. ``lines`` say all that in words, with what to do next about a ``scene``.
     """
     best, numbers = result.best_run, result.frame_numbers
     skeleton, size = result.subject.body.skeleton, result.subject.body.relative_size

@@ -73,6 +73,14 @@ def test_two_that_may_be_the_wrong_one_are_both_named():
     assert told["trusted"] == FRAMES  # so little does not spoil a result
 
 
+def test_three_views_must_agree_better_than_four():
+    """The body gives way to a camera that is far off."""
+    result = synthetic_result(FRAMES, runs=1, cameras=3)
+    shift = np.tile([0.011, 0.013, 0.018], (1, FRAMES, 1))
+    told = verdict(replace(result, view_shift=shift, iou=np.full(shift.shape, 0.8)))
+    assert (told["trusted"], list(told["cameras"])) == (0, ["cam03", "cam02", "cam01"])
+
+
 def test_parts_in_doubt_are_named_with_their_frames():
     told = judged(joint_sigma=far(2, 3, 4, 8), status=statuses("partial", [3, 9]))
     assert told["parts"] == {SKELETON.parts[SKELETON.part[SKELETON.index("LElbow")]]: [12, 13, 14, 18]}

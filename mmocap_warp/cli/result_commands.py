@@ -166,9 +166,8 @@ def _measures_text(values: dict[str, Any]) -> str:
     ]
     parts.append(table([("bone", "length [mm]", "sigma [mm]"), *lengths]))
     parts += [f"left out, for lack of such joints: {', '.join(values['left_out'])}"] if values["left_out"] else []
-    parts += (
-        [f"left out, for the model holds them: {', '.join(values['not_searched'])}"] if values["not_searched"] else []
-    )
+    if values["not_searched"]:
+        parts.append(f"left out, since the model does not search them: {', '.join(values['not_searched'])}")
     if "files" in values:
         parts.append("\n".join(values["files"]))
     return "\n\n".join(parts)

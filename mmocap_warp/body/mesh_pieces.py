@@ -44,6 +44,21 @@ def mesh_edges(face: np.ndarray) -> np.ndarray:
     """
     triangle = np.tile(np.arange(len(face)), 3)
     start, end = face[:, [0, 1, 2]].T.ravel(), face[:, [1, 2, 0]].T.ravel()
+    forward, backward = start.astype(np.int64) << 32 | end, end.astype(np.int64) << 32 | start
+    order = np.argsort(forward)
+    if np.any(np.diff(forward[order]) == 0):
+        return _paired_one_by_one(start, end, triangle)
+
+    # No two triangles run along an edge in the same sense, so that each has one partner at most.
+    place = order[np.minimum(np.searchsorted(forward, backward, sorter=order), len(order) - 1)] if len(order) else order
+    paired = forward[place] == backward
+    first = ~paired | (np.arange(len(order)) < place)
+    partner = np.where(paired, triangle[place], -1)
+    return np.stack([start, end, triangle, partner], axis=1)[first].astype(np.int32)
+
+
+def _paired_one_by_one(start: np.ndarray, end: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+    """:func:`mesh_edges` where more than two triangles meet at some edge: of the sides (3 m,) of all triangles."""
     waiting: dict[tuple[int, int], list[int]] = {}
     edges: list[list[int]] = []
     for a, b, t in zip(start.tolist(), end.tolist(), triangle.tolist(), strict=True):

@@ -14,7 +14,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.calibration.gross_mistake import Agreement, Mistake, Silhouettes, agreement, find_mistake
-from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.cameras.rig import METRES, CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.masks.cleanup import rivals
 from mmocap_warp.masks.frames import VideoFile
@@ -33,16 +33,10 @@ _STRANGER, _WITHOUT = 0.3, 0.9  # explained share of a view that shows something
 _LEFT = 0.35  # share of the disagreement that is left without a view that disagrees
 _SOUND = 0.96  # share of views of which none is in doubt
 _SMALL, _LARGE = 0.3, 1.75  # extent over the body's. People have .4 to 1.1, a calibration in feet makes that 2 and more
+_UNIT_NAMES = {"m": "metres", "mm": "millimetres", "cm": "centimetres", "in": "inches", "ft": "feet"}
 _UNITS = {
-    "feet had been read as metres": 3.281,
-    "inches had been read as metres": 39.37,
-    "centimetres had been read as metres": 100.0,
-    "millimetres had been read as metres": 1000.0,
-    "centimetres had been read as millimetres": 1 / 10,
-    "inches had been read as millimetres": 1 / 25.4,
-    "feet had been read as millimetres": 1 / 304.8,
-    "metres had been read as millimetres": 1 / 1000,
-}  # by how much too large that makes the subject
+    (unit, read): METRES[read] / METRES[unit] for read in ("m", "mm") for unit in METRES if unit != read
+}  # by how much too large it makes the subject to read a unit as another
 _UNIT_RATIO = 1.8  # by which a unit may miss the sizes' ratio
 _STANDING = 0.8  # extent of somebody who stands over that of the body at rest, whose arms are spread
 
@@ -231,14 +225,15 @@ def _wrong_size(scene: Scene, body: BodyModel, extent: float) -> FirstLook | Non
     ratio = extent / float(np.linalg.norm(size))
     if not np.isfinite(extent) or _SMALL < ratio < _LARGE:
         return None
-    off = {cause: abs(np.log(ratio / _STANDING / by)) for cause, by in _UNITS.items()}
-    cause = min(off, key=lambda each: off[each])
-    why = f", as if {cause}" if off[cause] < np.log(_UNIT_RATIO) else ""
+    off = {each: abs(np.log(ratio / _STANDING / by)) for each, by in _UNITS.items()}
+    unit, read = min(off, key=lambda each: off[each])
+    known = off[unit, read] < np.log(_UNIT_RATIO)
+    why = f", as if {_UNIT_NAMES[unit]} had been read as {_UNIT_NAMES[read]}" if known else ""
     return FirstLook(
         f"the subject is {_length(extent)} large, and the body {body.name} {_length(float(size.max()))}: its unit of"
         f" length is wrong{why}",
-        f'give {scene.calibration or "the calibration"} in metres, or [cameras] units = "mm" for millimetres; or name a'
-        " body of that size",
+        f"give {scene.calibration or 'the calibration'} in metres, or say its unit: [cameras] units = "
+        f'"{unit if known else "mm"}"; or name a body of that size',
     )
 
 

@@ -20,7 +20,7 @@ from mmocap_warp.masks.frames import VideoFile, open_frames, open_image
 from mmocap_warp.masks.mask_files import open_masks
 from mmocap_warp.scene.kept_masks import read_mark
 from mmocap_warp.scene.recording import CameraSource, split_offset
-from mmocap_warp.whole_file import write_whole
+from mmocap_warp.whole_file import file_name, read_text, write_whole
 
 RATE_TOLERANCE = 0.005
 """Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
@@ -65,6 +65,8 @@ def read_cameras(
     table.finish()
     if not tables:
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
+    for name in tables:
+        file_name(name, f"{scene}: [cameras]")
     # Each camera's images; the rates of videos must agree where the scene does not state them.
     stated = {name for name, camera in tables.items() if camera.has("fps")}
     sources = tuple(_read_source(camera, name, scene, fps) for name, camera in tables.items())
@@ -204,7 +206,7 @@ def write_timing(path: Path, timing: Mapping[str, Mapping[str, float]]) -> None:
     Raises:
         InputError: the file is written in a way in which they cannot be set, such as cameras in inline tables.
     """
-    text = path.read_text(encoding="utf-8")
+    text = read_text(path, "give a TOML text file")
     lines: list[str] = []
     camera = ""
     for line in text.splitlines(keepends=True):

@@ -24,11 +24,12 @@ from mmocap_warp.contour.clip.uncertainty import (
     Uncertainty,
     body_changes,
     combine,
+    departure,
     misfit,
     stretched,
 )
 from mmocap_warp.contour.frame.fitter import WIDE
-from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
@@ -41,7 +42,7 @@ from mmocap_warp.tracking.tracker import overlap
 SmoothReport = Callable[[int], None]
 """Called with the number of frames that are final."""
 
-_LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
+_LOST, _INTERPOLATED, _REPEATED = (STATUS.index(name) for name in ("lost", "interpolated", "repeated"))
 CANDIDATES = 32
 """Poses that are linearised at a time."""
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
@@ -58,7 +59,7 @@ def smoothed(
     """The clip's poses as one problem, with their standard deviations.
 
     A lost frame has no contours: the frames around it fill it in, and it is then ``interpolated``. It stays ``lost``
-    before a run's first and after its last frame with a pose.
+    before a run's first and after its last frame with a pose. A repeated frame's masks are not looked at either.
 
     Args:
         raw: the track.
@@ -75,7 +76,9 @@ def smoothed(
     for windows in zip(*(run.windows for run in runs), strict=True):
         for run, window in zip(runs, windows, strict=True):
             run.finish(window)
-        for frame in range(done, done + windows[0].final):
+        # A repeated mask is of another time: what its frame had before stays.
+        final = np.arange(done, done + windows[0].final)
+        for frame in final[raw.status[0, final] != _REPEATED].tolist():
             poses = np.stack([run.pose[frame] for run in runs])
             cost[:, frame], iou[:, frame] = masks.judged(frame, poses)
         done += windows[0].final
@@ -163,14 +166,16 @@ class _MaskWindow:
         fitter.descend(count, _STEPS)
         return RootedPoses(base, fitter.descent.best.numpy()[:count].astype(float))
 
-    def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
-        """What the contours say about single frames of the window and about the body's parameters."""
+    def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> ViewEquations:
+        """What each view's contours say about single frames of the window and about the body's parameters."""
         only = np.zeros(1, int)
         each = []
         for i, frame in enumerate(frames):
             self._body_fitter.observe(0, self._held[frame % self._places])
-            each.append(self._body_fitter.linearise(only, rooted[i : i + 1]))
-        return each[0].followed_by(*each[1:])
+            each.append(self._body_fitter.linearise_views(only, rooted[i : i + 1]))
+        return ViewEquations(
+            *(np.concatenate(column) for column in zip(*(vars(e).values() for e in each), strict=True))
+        )
 
     def judged(self, frame: int, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Costs (pose,) by areas and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen."""
@@ -213,7 +218,7 @@ class _RunSmoother:
         subject, track = raw.subject, raw.pose[run]
         skeleton = subject.body.skeleton
         self._masks, self._rate = masks, raw.rate
-        self._tracked = raw.status[run] != _LOST
+        self._tracked = ~np.isin(raw.status[run], (_LOST, _REPEATED))
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
         self._known = self._rooting.refold(self._rooting.enter(track))  # poses as they were linearised last
 
@@ -226,14 +231,16 @@ class _RunSmoother:
             raw.rate, self._area_costs, coordinates, from_rest,
         )  # fmt: skip
         problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, backward)
-        has_masks = np.isfinite(raw.iou).any(axis=(0, 2))
+        has_masks = np.isfinite(raw.iou).any(axis=(0, 2)) & (raw.status[0] != _REPEATED)
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), has_masks)
 
         # How sure the poses are: noise from frame to frame, and a body that is not quite the right one.
         self._factors = deviation_factors(subject.body)
         axes = stretched(self._factors.joint) if self._factors else None
         self._noise = Deviations(problem, config.acceleration, axes)
-        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes, axes)
+        self._body = BodyDeviations(
+            problem, masks.linearise_body, masks.body_changes, axes, departure(subject.provenance)
+        )
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
         self._usual_misfit = USUAL_MISFIT * subject.body.relative_size

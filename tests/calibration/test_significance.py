@@ -59,6 +59,15 @@ def test_what_belongs_together_stays_or_moves_together():
     np.testing.assert_array_equal(apart, [True, True, False, True])
 
 
+def test_several_that_belong_together_need_as_much_each_as_one_alone():
+    """Three that are three deviations away each are chance, though together they are 5.2; five each are none."""
+    together = np.array([0, 0, 0, 1])
+    for deviations, expected in ((3.0, False), (5.0, True)):
+        value = np.array([0.03, 0.03, 0.03, 0.0]) * deviations / 3
+        moved, _, _ = select_parameters(value, np.eye(4) * 0.01**2, PRIOR, together)
+        np.testing.assert_array_equal(moved, [expected] * 3 + [False])
+
+
 RIG = ring_rig(4)
 
 

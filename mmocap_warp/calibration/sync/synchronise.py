@@ -164,7 +164,7 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
             offsets = by_hull.offsets
             courses = [one if one.changes else other for one, other in zip(by_hull.courses, courses, strict=True)]
     # Whether the motion of all parts of the recording gives these offsets counts where hulls do not decide.
-    margin = by_hull.margin if by_hull and hull else _margin_by_motion(signals, offsets, scene.fps)
+    margin = by_hull.margin if by_hull and hull else margin_by_motion(signals, offsets, scene.fps)
     judged = [_judge(scores, k, offsets, margin, course, hull is True) for k, course in enumerate(courses)]
     return Synchronisation(scene.fps, dict(zip((source.name for source in scene.cameras), judged, strict=True)), hull)
 
@@ -214,7 +214,7 @@ def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: floa
     return [lag_course(np.array(middles), lag) for lag in np.array(lags, float).T]
 
 
-def _margin_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> float:
+def margin_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> float:
     """By how much the offsets may be wrong [frames]: see :func:`margin`; infinite for a short recording.
 
     The offsets' standard deviations are those of the delete-one jackknife over parts of the recording, and over views.

@@ -17,6 +17,7 @@ _SLIDER_SIGMA = 0.5
 _BONE_SIGMA = 0.02  # prior standard deviation of a bone's length [m]
 _GIRTH_SIGMA = 0.01  # prior standard deviation of how far the skin lies out [m]
 _LOG_SCALE_SIGMA = 0.3
+_SIDES_SHARE = 0.5  # half the difference of both sides' bones or girths, as a share of their own standard deviations
 _MIN_COSINE = 0.9  # squared; a slider whose displacement is as near as this to another's is left out
 _SKIN_SIGMA = 1e-3  # standard deviation of a vertex in `nearest` [m]: small against the prior's
 
@@ -75,6 +76,34 @@ class RestSpace:
     def sigma(self) -> np.ndarray:
         """(parameter,) float64, prior standard deviations in the parameters' units: how bodies differ from this one."""
         return np.array([] if self.body.rigid else [*(column.sigma for column in self._columns), _LOG_SCALE_SIGMA])
+
+    @cached_property
+    def changes_kind(self) -> np.ndarray:
+        """(parameter,) bool: sliders of one side only, such as ``gender_female``. People are seldom in between."""
+        one_sided = {name for name, _, negative in paired_targets(self.body.shape_names) if negative is None}
+        return np.array([name in one_sided for name in self.names], bool)
+
+    def between_sides(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """How the left side may be longer or thicker than the right: no parameter of the space, which is symmetric.
+
+        Returns:
+            (difference,) standard deviations [m], and how far each moves the vertices (difference, vertex, 3) and the
+            joints (difference, joint, 3) at 1.
+        """
+        body, joints = self.body, self.body.skeleton.joints
+        pairs = [[joints[one] for one in group] for group in mirrored_joints(body).values() if len(group) == 2]
+        alone: dict[str, tuple[int, ...]] = {name: (joints.index(name),) for pair in pairs for name in pair}
+        columns: dict[str, _Column] = {}
+        if alone and not body.rigid:
+            weight = mirrored_weights(body)
+            columns = {one.name: one for one in (*_bones(body, alone, weight), *_girths(body, alone, weight))}
+        both = [[columns.get(f"{kind}.{name}") for name in pair] for kind in ("bone", "girth") for pair in pairs]
+        found = [(left, right) for left, right in both if left and right]
+        return (
+            np.array([_SIDES_SHARE * left.sigma for left, _ in found]),
+            np.array([left.skin - right.skin for left, right in found]).reshape(-1, *body.skin.rest.shape),
+            np.array([left.joint - right.joint for left, right in found]).reshape(-1, *body.joint_rest.shape),
+        )
 
     @cached_property
     def _moved(self) -> tuple[np.ndarray, np.ndarray]:

@@ -22,14 +22,18 @@ from mmocap_warp.calibration.adjust.camera_changes import CENTRE, FOCAL, KINDS, 
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
 from mmocap_warp.calibration.first_look import few_views
 from mmocap_warp.calibration.gross_mistake import IMAGE_SIZE, MIRRORED, SIZES, SWAPPED, Mistake
+from mmocap_warp.calibration.refine.refinement import CLEAR, STATED
+from mmocap_warp.calibration.sync.lag_course import lag_course, peak
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.scene.recording import Scene
 
+_MOVED = "rotation and position"
 CAUSES: dict[str, slice] = {
     "rotation": ROTATION,
     "position": POSITION,
+    _MOVED: slice(ROTATION.start, POSITION.stop),
     "focal length": slice(FOCAL, FOCAL + 1),
     "principal point": CENTRE,
     "time offset": slice(OFFSET, OFFSET + 1),
@@ -39,9 +43,10 @@ CAUSES: dict[str, slice] = {
 _SOUND_MISS = 0.045  # metres: root mean square by which rays of a sound rig miss each other at most
 _GROSS_RATIO = 0.6  # one gross mistake put right must bring the rays' misses below this share
 _MAX_MISS = 0.3  # metres: misses beyond this count as this
-_MIN_EXPLAINED = 0.12  # share of the contours' cost that a change must explain; .08 happens by chance
+_MIN_DISTANCE = CLEAR * STATED  # a frame's standard deviations, in the mean of a change's parameters
 _PARAMETER_COST = 0.5  # cost in a frame that each parameter of a change explains by chance alone
-_TIE_RATIO = 0.85  # causes that explain this share of what the best one explains are named too
+_TIE_RATIO = 0.85  # causes that explain this share of what the best one explains are as likely
+_LAG_FRAMES, _LAG_STRETCH = 48, 6  # frames whose lags are compared, and those of each stretch of the recording
 _FRAMES = 8  # frames in which silhouettes are compared with the hull of the others
 
 
@@ -51,11 +56,12 @@ class Finding:
 
     Attributes:
         camera: its name.
-        cause: one of ``CAUSES``, or that of the gross mistake.
+        cause: one of ``CAUSES``, that of the gross mistake, ``dropped frames`` or ``frame rate``.
         change: (camera, parameter) that puts it right; None where no change of the parameters does.
         explained: share of all error that this explains, in 0 to 1.
         others: causes that explain nearly as much.
         mistake: the gross mistake, where it is one.
+        words: what is wrong, in words, where it is no change of the parameters.
     """
 
     camera: str
@@ -64,11 +70,12 @@ class Finding:
     explained: float = 1.0
     others: tuple[str, ...] = ()
     mistake: Mistake | None = None
+    words: str = ""
 
     @classmethod
     def of(cls, mistake: Mistake) -> Finding:
         """A gross mistake as a finding."""
-        return cls((mistake.cameras or ("all cameras",))[0], mistake.cause, mistake=mistake)
+        return cls((mistake.cameras or ("all cameras",))[0], mistake.cause, mistake=mistake, words=str(mistake))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +153,34 @@ def check(
     subject = adjustment.fit_body(change)
     report("body", 0.5)
     change, person = adjustment.add_whole_lags(change, adjustment.track_person(change, subject))
+    # A lag that changes midway is no change of the parameters, and would look like other errors.
+    findings = changing_lags(adjustment, change, person)
+    if findings:
+        return CameraCheck(rig.names, covered, None, findings, footage.scale)
     solution = adjustment.solve(change, person, adjustment.sigma)
     report("cameras", 0.9)
     findings = small_errors(rig, solution)
     overlap, pictures = _compare_views(rig, person, solution, findings)
     report("compared", 1.0)
     return CameraCheck(rig.names, covered, overlap, findings, footage.scale, pictures)
+
+
+def changing_lags(adjustment: Adjustment, change: np.ndarray, person: Person) -> tuple[Finding, ...]:
+    """The cameras that dropped frames or run at another rate, by the lags of their views behind the tracked body."""
+    frames, scene = person.spread(_LAG_FRAMES), adjustment.scene
+    costs = adjustment.lag_costs(change, person, frames)
+    stretches = np.array_split(np.arange(len(frames)), max(1, len(frames) // _LAG_STRETCH))
+    numbers = scene.first_frame + frames * scene.fps / adjustment.footage.fps
+    middles = np.array([numbers[part].mean() for part in stretches])
+    findings = []
+    for k, source in enumerate(scene.cameras):
+        lags = np.array([peak(-costs[:, part, k].sum(axis=1)) for part in stretches]) - len(costs) // 2
+        course = lag_course(middles, lags)
+        if course.changes:
+            cause = "dropped frames" if course.jump else "frame rate"
+            fault = course.fault(source.name, scene.fps * source.rate * (1 + course.slope))
+            findings.append(Finding(source.name, cause, words=fault))
+    return tuple(findings)
 
 
 def _compare_views(
@@ -239,11 +268,17 @@ class _Change(NamedTuple):
     others: tuple[str, ...] = ()
 
 
-def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...]:
-    """Changes of one camera in one respect that explain enough, those that explain most first.
+def _likelihood(change: _Change) -> float:
+    """What a change gains beyond chance; one that holds others as special cases must gain more than they do."""
+    return change.gain * (_TIE_RATIO if change.cause == _MOVED else 1.0) - _PARAMETER_COST * len(change.parameters)
 
-    Around the adjusted cameras the contours' cost is quadratic, and so is what any change alone would gain. Changes are
-    chosen one after the other, each beside those before it, and each camera is named once.
+
+def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...]:
+    """Changes of one camera in one respect that are significant, those that explain most first.
+
+    Around the adjusted cameras the contours' cost is quadratic, and so is what any change alone would gain: half the
+    squared Mahalanobis distance of its parameters. Changes are chosen one after the other, each beside those before it,
+    and each camera is named once. That a camera was both turned and moved counts where neither alone does as much.
 
     Args:
         rig: the cameras.
@@ -270,10 +305,14 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
         for cause, columns in CAUSES.items()
         if k not in chosen and (own := [int(each) for each in number[k, columns] if each >= 0])
     ]:
-        best = max(options, key=lambda option: option.gain - _PARAMETER_COST * len(option.parameters))
-        if best.gain < _MIN_EXPLAINED * solution.cost:
+        best = max(options, key=_likelihood)
+        if 2 * best.gain < _MIN_DISTANCE**2 * len(best.parameters):
             break
-        ties = [each for each in options if each.camera == best.camera and each.gain > _TIE_RATIO * best.gain]
+        ties = [
+            each
+            for each in options
+            if each.camera == best.camera and each.cause != _MOVED and each.gain > _TIE_RATIO * best.gain
+        ]
         chosen[best.camera] = best._replace(others=tuple(each.cause for each in ties if each.cause != best.cause))
         held += best.parameters
         before = gain_of(held)

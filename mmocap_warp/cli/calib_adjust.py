@@ -53,8 +53,8 @@ def check(call: Any) -> Answer:
 
 def _finding_line(finding: Finding, result: CameraCheck) -> str:
     """A finding in words."""
-    if finding.mistake is not None:
-        return str(finding.mistake)
+    if finding.words:
+        return finding.words
     changes = ", ".join(f"{what} {by:+.2f} {unit}" for what, by, unit in _changes(finding, result))
     others = "".join(f", or else its {other}" for other in finding.others)
     cause = f"probably its {finding.cause}, to be changed by {changes}{others}"

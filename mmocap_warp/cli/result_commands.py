@@ -104,10 +104,7 @@ def evaluate(call: Any) -> Answer:
 def show(call: Any) -> Answer:
     drawn = call()
     files = {"sheet": drawn.sheet} if drawn.video is None else {"video": drawn.video, "sheet": drawn.sheet}
-    if drawn.verdict is None:
-        return Answer(files, files.values())
-    values = {**files, "verdict": drawn.verdict, "iou_by_camera": drawn.iou_by_camera}
-    return Answer(values, [*files.values(), _judgement(values)])
+    return Answer({**files, **drawn.report}, [*files.values(), *_judgement(drawn.report)])
 
 
 @command("show:view", order="output images rerun scene", truth=None, name=None)
@@ -169,9 +166,8 @@ def _measures_text(values: dict[str, Any]) -> str:
     ]
     parts.append(table([("bone", "length [mm]", "sigma [mm]"), *lengths]))
     parts += [f"left out, for lack of such joints: {', '.join(values['left_out'])}"] if values["left_out"] else []
-    parts += (
-        [f"left out, for the model holds them: {', '.join(values['not_searched'])}"] if values["not_searched"] else []
-    )
+    if values["not_searched"]:
+        parts.append(f"left out, since the model does not search them: {', '.join(values['not_searched'])}")
     if "files" in values:
         parts.append("\n".join(values["files"]))
     return "\n\n".join(parts)
@@ -232,13 +228,13 @@ def summary(report: dict[str, Any]) -> str:
         rows.append(("limb lost in", f"{len(report['limb_lost_frames'])} frames"))
     if report.get("wrongly_tracked"):
         rows.append(("wrongly tracked", f"{report['wrongly_tracked']} frames"))
-    return "\n".join([table(rows), *([_judgement(report)] if "verdict" in report else [])])
+    return "\n".join([table(rows), *_judgement(report)])
 
 
-def _judgement(report: dict[str, Any]) -> str:
-    """Overlap by camera, and the verdict in words."""
-    overlap = [f"{name} {_number(iou if iou == iou else None, '.3f')}" for name, iou in report["iou_by_camera"].items()]
-    return "\n".join([f"IoU by camera: {', '.join(overlap)}", *report["verdict"]["lines"]])
+def _judgement(report: dict[str, Any]) -> list[str]:
+    """Overlap by camera, and the verdict in words, where there is one."""
+    overlap = [f"{name} {_number(iou, '.3f')}" for name, iou in report.get("iou_by_camera", {}).items()]
+    return [f"IoU by camera: {', '.join(overlap)}", *report["verdict"]["lines"]] if "verdict" in report else []
 
 
 def beside(reports: dict[str, dict[str, Any]]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,13 +39,12 @@ class Drawing:
     Attributes:
         video: all frames; None of a subject, which has one.
         sheet: some frames of all cameras, or the subject.
-        verdict, iou_by_camera: as in the report of ``evaluate``; None of a subject.
+        report: ``verdict`` and ``iou_by_camera`` as ``evaluate`` gives them; empty of a subject.
     """
 
     video: Path | None
     sheet: Path
-    verdict: dict[str, Any] | None = None
-    iou_by_camera: dict[str, float] | None = None
+    report: dict[str, Any] = field(default_factory=dict)
 
 
 @releases_locks
@@ -87,7 +86,8 @@ def show(
     start_warp()
     recorded, shown = scene_of(tracked, path, scene, reporter), tracked.at(positions)
     draw_result(tracked, recorded, video, sheet, reporter, positions)
-    return Drawing(video, sheet, verdict(shown, None if recorded is None else recorded.path), iou_by_camera(shown))
+    judged = verdict(shown, None if recorded is None else recorded.path)
+    return Drawing(video, sheet, {"iou_by_camera": iou_by_camera(shown), "verdict": judged})
 
 
 def _beside(result: object, output: str | Path | None, suffix: str) -> Path:

@@ -170,6 +170,9 @@ def solve_body(
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
     shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}
     provenance = kept | {"fit.frames": count} | measurements(space, solution) | shape
+    departs = (solution.beta / (PRIOR * space.sigma))[~space.changes_kind]
+    if len(departs):
+        provenance["fit.departure"] = float(np.sqrt(np.mean(departs**2)))
     solved = replace(subject, body=space.model(solution.beta), pose=pose, provenance=provenance)
     return with_base_still(solved, own) if still else solved, float(solution.cost.mean())
 

@@ -113,9 +113,10 @@ def _overlap(result: Result, iou: np.ndarray) -> _Report:
     }
 
 
-def iou_by_camera(result: Result) -> dict[str, float]:
-    """Mean overlap of each camera over all frames and runs."""
-    return dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)).tolist(), strict=True))
+def iou_by_camera(result: Result) -> dict[str, float | None]:
+    """Mean overlap of each camera over all frames and runs; None where it sees nobody."""
+    means: dict = _jsonable(dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)), strict=True)))
+    return means
 
 
 def _sigmas(result: Result) -> _Report:

@@ -17,7 +17,6 @@ from mmocap_warp.result.result import STATUS, Result
 
 _MAX_SHIFT = 0.015  # metres by which a view may lie beside a person. Sound recordings have up to .007
 _NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one that is wrong
-_MENDED = 0.15  # metres of disagreement that a refinement of cameras certainly mends
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
 _MIN_VIEWS = 2  # views that must see somebody in a frame
 _SHOWN_RANGES = 4  # ranges of frames that are listed
@@ -72,10 +71,8 @@ def _lines(values: dict[str, Any], scene: Path | None) -> list[str]:
         return [*lines, f"masks and calibration fit no body: {values['problem']}"]
     if values["cameras"]:
         off = [f"{name} by {shift:.0f} mm" for name, shift in values["cameras"].items()]
-        refines = max(values["cameras"].values()) < 1000 * _MENDED
-        step = f"mend it with: mmocap calib refine {scene}" if refines else f"see why with: mmocap calib check {scene}"
-        line = f"cameras that disagree with the others: {', '.join(off)} at the body"
-        lines.append(f"{line}; {step}" if scene else line)
+        step = f"; mend it with: mmocap calib refine {scene}" if scene else ""
+        lines.append(f"cameras that disagree with the others: {', '.join(off)} at the body{step}")
     if values["repeated"]:
         lines.append(f"{values['repeated']} more frames repeat the one before, and count as not seen")
     lines += [f"{name} is frozen in {_ranges(frames)}, and left out there" for name, frames in values["frozen"].items()]

@@ -21,7 +21,7 @@ from mmocap_warp.tracking.track_config import TrackConfig
 
 _FRAMES = 8  # frames that are looked at together
 _NO_OVERLAP = 0.1  # overlap up to which outlines do not meet: such a view is off by the whole reach
-_NEGLIGIBLE = 1e-6  # information about a shift [1/px^2]: a view with less shows nothing of the body
+_NEGLIGIBLE = 1e-6  # information about a shift [1/px^2]: a view with less shows nothing
 
 
 def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Observation]) -> Result:
@@ -54,11 +54,8 @@ def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Ob
 def _shift(matrix: np.ndarray, pull: np.ndarray, by_place: np.ndarray) -> np.ndarray:
     """(pose, camera) length of the shift of each view's masks that fits them best to the body [px]; NaN if unknown.
 
-    What puts the body into another place in all views does not count: it is no camera's fault.
-
-    Args:
-        matrix, pull: (pose, camera, 2, 2) and (pose, camera, 2), normal equations of a shift of the image.
-        by_place: (pose, camera, 2, 3) how images follow the body's place [px/m].
+    What puts the body into another place in all views does not count: it is no camera's fault. ``matrix @ shift =
+    pull`` are the normal equations of each image, which follows the body's place by ``by_place`` (..., 2, 3) [px/m].
     """
     across = np.swapaxes(by_place, 2, 3)
     of_place = (across @ matrix @ by_place).sum(axis=1) + _NEGLIGIBLE * np.eye(3)

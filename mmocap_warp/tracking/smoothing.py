@@ -24,11 +24,12 @@ from mmocap_warp.contour.clip.uncertainty import (
     Uncertainty,
     body_changes,
     combine,
+    departure,
     misfit,
     stretched,
 )
 from mmocap_warp.contour.frame.fitter import WIDE
-from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
@@ -165,14 +166,16 @@ class _MaskWindow:
         fitter.descend(count, _STEPS)
         return RootedPoses(base, fitter.descent.best.numpy()[:count].astype(float))
 
-    def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
-        """What the contours say about single frames of the window and about the body's parameters."""
+    def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> ViewEquations:
+        """What each view's contours say about single frames of the window and about the body's parameters."""
         only = np.zeros(1, int)
         each = []
         for i, frame in enumerate(frames):
             self._body_fitter.observe(0, self._held[frame % self._places])
-            each.append(self._body_fitter.linearise(only, rooted[i : i + 1]))
-        return each[0].followed_by(*each[1:])
+            each.append(self._body_fitter.linearise_views(only, rooted[i : i + 1]))
+        return ViewEquations(
+            *(np.concatenate(column) for column in zip(*(vars(e).values() for e in each), strict=True))
+        )
 
     def judged(self, frame: int, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Costs (pose,) by areas and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen."""
@@ -235,7 +238,9 @@ class _RunSmoother:
         self._factors = deviation_factors(subject.body)
         axes = stretched(self._factors.joint) if self._factors else None
         self._noise = Deviations(problem, config.acceleration, axes)
-        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes, axes)
+        self._body = BodyDeviations(
+            problem, masks.linearise_body, masks.body_changes, axes, departure(subject.provenance)
+        )
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
         self._usual_misfit = USUAL_MISFIT * subject.body.relative_size

@@ -153,6 +153,31 @@ def test_people_stay_symmetric(person: RestSpace) -> None:
             np.testing.assert_allclose(joint[sides[1]], joint[sides[0]] * MIRROR, atol=1e-4)
 
 
+def test_a_difference_of_sides_lengthens_or_widens_left_limbs_as_it_shortens_or_thins_right_ones(
+    person: RestSpace,
+) -> None:
+    body, skeleton = person.body, person.body.skeleton
+    mirror = cKDTree(body.skin.rest).query(body.skin.rest * MIRROR)[1]
+    sigma, skin, joint = person.between_sides()
+    pairs = {name for name in person.names if "+" in name}
+    assert len(sigma) == len(skin) == len(joint) == len(pairs) > 6
+    assert (sigma < 0.02).all()
+    np.testing.assert_allclose(skin[:, mirror], -skin * MIRROR, atol=0.1)
+    lengths = np.array([bone_lengths(person, body.joint_rest + 0.01 * each) for each in joint])
+    lengths -= bone_lengths(person, body.joint_rest)
+    for name in pairs:
+        if name.startswith("bone."):
+            left, right = (skeleton.index(end) - 1 for end in name.removeprefix("bone.").split("+"))
+            own = np.flatnonzero(np.abs(lengths[:, left]) > 1e-4)
+            assert len(own) == 1
+            np.testing.assert_allclose(lengths[own[0], [left, right]], [0.01, -0.01], atol=1e-4)
+
+
+def test_sliders_of_one_side_change_the_kind(person: RestSpace) -> None:
+    kinds = [name for name, kind in zip(person.names, person.changes_kind, strict=True) if kind]
+    assert kinds == [name for name in ("gender_female", "gender_male") if name in person.names]
+
+
 def test_a_bone_lengthens_by_its_parameter_and_no_other_does(space: RestSpace) -> None:
     groups = mirrored_joints(space.body)
     before = bone_lengths(space, space.at(np.zeros(len(space.names)))[1])

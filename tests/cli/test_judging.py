@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -104,6 +105,24 @@ def test_masks_of_a_whole_subject_pass_the_check(tmp_path, capsys):
     assert report["masks_ok"]
     assert report["faults"] == []
     assert len(report["views"]["cam02"]["area_px"]) == FRAMES
+
+
+def test_a_camera_that_is_off_is_said_after_the_last_frame(tmp_path, capsys):
+    scene = write_scene(tmp_path, 'keep = "nearest"')
+    rig = ring_rig(3, (160, 120))
+    K = rig.K.copy()
+    K[1, 0, 2] += 6
+    write_toml_rig(tmp_path / "rig.toml", replace(rig, K=K))
+    result = str(tmp_path / "r.usdc")
+    codes = []
+    for command in (["track", str(scene), "-o", result], ["eval", result], ["show", result]):
+        codes.append(cli.main([*command, "--quiet", "--json"]))
+        report = json.loads(capsys.readouterr().out)
+        assert list(report["iou_by_camera"]) == ["cam01", "cam02", "cam03"]
+        assert "cam02" in report["verdict"]["cameras"]
+        assert (report["verdict"]["trusted"], report["verdict"]["holds"]) == (0, False)
+        assert f"calib refine {scene}" in report["verdict"]["lines"][1]
+    assert codes == [console.CHECK_FAILED, console.CHECK_FAILED, console.OK]
 
 
 def two_people(folder):

@@ -15,6 +15,8 @@ from mmocap_warp.contour.clip.clip_problem import ClipProblem, SolvedWindow
 from mmocap_warp.contour.clip.motion_penalty import MotionPenalty
 from mmocap_warp.contour.clip.uncertainty import (
     NOISE,
+    SYSTEMATIC,
+    USUAL_DEPARTURE,
     USUAL_MISFIT,
     BodyChanges,
     BodyDeviations,
@@ -22,11 +24,12 @@ from mmocap_warp.contour.clip.uncertainty import (
     Uncertainty,
     body_axes,
     combine,
+    departure,
     marginal_covariance,
     misfit,
     stretched,
 )
-from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 BODY = synthetic_body()
@@ -122,21 +125,29 @@ CHANGES = BodyChanges(np.zeros((2, 0, 3)), CHANGE, PRIOR)
 
 
 class WithBody:
-    """What frames say that see the points on the joints, as they are or as the body moves them, to ``sigma`` [m]."""
+    """What two views say that see the points on the joints, as they are or as the body moves them, to ``sigma`` [m].
 
-    def __init__(self, problem: ClipProblem, moves: float, sigma: float = 0.004) -> None:
+    They ask for changes of the body (view, parameter) in prior standard deviations.
+    """
+
+    def __init__(
+        self, problem: ClipProblem, moves: float, sigma: float = 0.004, asked: np.ndarray | float = 0.0
+    ) -> None:
         self.points, self.moves, self.sigma = problem.points, moves, sigma
+        self.asked = np.broadcast_to(asked, (2, len(CHANGE)))
         self.frames: list[int] = []
 
-    def __call__(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
+    def __call__(self, frames: np.ndarray, rooted: RootedPoses) -> ViewEquations:
         self.frames.extend(frames)
         pose = self.points.linearised(rooted)[1].reshape(len(frames), -1, DOF)
         centres = self.moves * self.points.centres_by_rest(rooted, CHANGE)
         body = np.repeat(centres[:, :, None], 4, axis=2).reshape(len(frames), -1, len(CHANGE))
-        rows = np.concatenate([pose, body], axis=2) / self.sigma
-        return NormalEquations(
-            np.swapaxes(rows, 1, 2) @ rows, np.zeros((len(frames), rows.shape[2])), np.ones(len(frames))
-        )
+        rows = np.concatenate([pose, body], axis=2) / self.sigma / np.sqrt(2)
+        matrix = np.repeat((np.swapaxes(rows, 1, 2) @ rows)[:, None], 2, axis=1)
+        gradient = np.zeros(matrix.shape[:3])
+        gradient[..., DOF:] = self.asked / PRIOR
+        world = np.zeros((len(frames), 2, 3))
+        return ViewEquations(matrix, gradient, np.ones(matrix.shape[:2]), world[..., None, :], world)
 
 
 def body_deviations(problem: ClipProblem, rooted: RootedPoses, linearise: WithBody) -> Uncertainty:
@@ -159,7 +170,7 @@ def test_poses_make_up_for_a_body_that_contours_show():
     linearise = WithBody(problem, moves=1.0)
     window = SolvedWindow(rooted, problem.linearise(np.arange(5), rooted), 5)
     stated = BodyDeviations(problem, linearise, CHANGES).of(window)
-    matrix = linearise(np.arange(1), rooted[:1]).matrix[0]
+    matrix = linearise(np.arange(1), rooted[:1]).together.matrix[0]
     matrix += np.diag(np.concatenate([problem.rooting.anywhere, PRIOR]) ** -2.0)
     both = np.linalg.inv(matrix)
     alone = np.linalg.inv(matrix[:DOF, :DOF])
@@ -185,6 +196,37 @@ def test_the_body_is_looked_at_now_and_then_in_frames_that_show_it(monkeypatch):
     np.testing.assert_array_equal(stated.joint[-1], stated.joint[24])
 
 
+def test_what_residuals_ask_of_the_body_and_views_that_disagree_widen_deviations():
+    problem, rooted = clip_of(5, 0.004)
+    window = SolvedWindow(rooted, problem.linearise(np.arange(5), rooted), 5)
+
+    def variance(asked: np.ndarray | float) -> np.ndarray:
+        linearise = WithBody(problem, moves=0.0, asked=asked)
+        return BodyDeviations(problem, linearise, CHANGES).of(window).joint[0] ** 2
+
+    # The prior alone holds the body: a view moves it by its share, and joints move with their bones.
+    centres = problem.points.centres_by_rest(rooted[:1], CHANGE)[0] * PRIOR
+    first, second = np.array([3.0, 0.0]), np.array([0.0, 1.0])
+    asked = (centres @ (first + second)) ** 2
+    np.testing.assert_allclose(variance(np.array([first, first])) - variance(0), (2 * centres @ first) ** 2, atol=1e-9)
+    disagree = (centres @ (first - second)) ** 2
+    np.testing.assert_allclose(variance(np.array([first, second])) - variance(0), asked + disagree, atol=1e-9)
+    opposed = variance(np.array([first, -first])) - variance(0)
+    np.testing.assert_allclose(opposed, (2 * centres @ first) ** 2, atol=1e-9)
+
+
+def test_a_body_far_from_its_family_is_less_sure():
+    problem, rooted = clip_of(5, 0.004)
+    window = SolvedWindow(rooted, problem.linearise(np.arange(5), rooted), 5)
+    usual, far = (
+        BodyDeviations(problem, WithBody(problem, moves=1.0), CHANGES, departure=each).of(window)
+        for each in (1.0, departure({"fit.departure": 3 * USUAL_DEPARTURE}))
+    )
+    np.testing.assert_allclose(far.joint, 3 * usual.joint)
+    np.testing.assert_allclose(far.pose, 3 * usual.pose)
+    assert departure({}) == departure({"fit.departure": 0.5 * USUAL_DEPARTURE}) == 1.0
+
+
 def test_a_misfit_is_the_distance_of_the_contours():
     rng = np.random.default_rng(0)
     normal = rng.normal(size=(2, 400, 3))
@@ -202,10 +244,12 @@ def test_both_parts_count_and_grow_with_the_misfit():
     noise, body = (Uncertainty(np.full((1, 2), value), np.full((1, 1, 3), value)) for value in (0.01, 0.02))
     widest = np.array([np.inf, 0.03])
     usual = combine(noise, body, USUAL_MISFIT, widest)
-    expected = np.hypot(NOISE * 0.01, 0.02)
+    expected = np.hypot(NOISE * 0.01, SYSTEMATIC * 0.02)
     np.testing.assert_allclose(usual.joint, expected)
-    np.testing.assert_allclose(combine(noise, body, 2 * USUAL_MISFIT, widest).joint, 2 * expected)
-    np.testing.assert_allclose(combine(noise, body, 2 * USUAL_MISFIT, widest).pose, [[2 * expected, 0.03]])
+    larger = np.hypot(NOISE * 0.01, 2 * SYSTEMATIC * 0.02)
+    np.testing.assert_allclose(combine(noise, body, 2 * USUAL_MISFIT, widest).joint, 2 * larger)
+    np.testing.assert_allclose(combine(noise, body, 2 * USUAL_MISFIT, widest).pose, [[2 * larger, 0.03]])
+    np.testing.assert_allclose(combine(noise, body, 8 * USUAL_MISFIT, widest).joint, 8 * larger)
     small = combine(noise, body, 0.2 * USUAL_MISFIT, widest, 0.2 * USUAL_MISFIT)
     np.testing.assert_allclose(small.joint, expected, err_msg="a fifth is usual of a body of a fifth of the size")
 

@@ -8,6 +8,7 @@ from deviations import Stated, as_factors, cross_judged, learnt, stated, summary
 from made_people import made_clip, made_person
 
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
+from mmocap_warp.study.sequences import CLIPS
 
 BODY = load_body(DEFAULT_BODY)
 JOINTS = BODY.skeleton.joints
@@ -57,3 +58,10 @@ def test_a_person_is_followed_near_to_the_truth_and_that_is_what_is_stated():
     assert np.abs(person.error[:, : 3 * len(JOINTS)]).mean() < 0.01
     assert (person.sigma > 0).all()
     assert (np.abs(person.error) <= 2 * person.sigma).mean() > 0.8
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", ["Uneven/Walking", "Skirt/Walking"])
+def test_what_is_stated_of_people_outside_the_family_holds(name: str) -> None:
+    person, joints = stated(CLIPS[name], 0, BODY), slice(3 * len(JOINTS))
+    assert (np.abs(person.error) <= 2 * person.sigma)[:, joints].mean() > 0.9

@@ -1,13 +1,13 @@
-"""How sure the poses of a clip are: standard deviations from the inverse of its normal matrix.
+"""How sure the poses of a clip are: standard deviations from the inverse of its normal matrix, and from its residuals.
 
-They have two parts. Noise differs from frame to frame, and is what the clip's normal matrix tells of. What is wrong
-with the body is the same in all frames, and no number of frames averages it out: its shape, and how its parts
-are turned in the bind pose, which no outline shows.
+They have two parts. Noise differs from frame to frame, and is what the clip's normal matrix tells of. The other part is
+the same in all frames, and no number of frames averages it out: the body's shape, how its parts are turned in the bind
+pose, which no outline shows, and cameras that disagree.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,13 +20,20 @@ from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.contour.clip.clip_problem import OVERLAP, ClipProblem, SolvedWindow
 from mmocap_warp.contour.clip.motion_penalty import MotionPenalty
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT
-from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
+from mmocap_warp.contour.frame.normal_equations import LineariseViews, NormalEquations
 from mmocap_warp.contour.frame.rooted import FrameArrays, RootedPoses
 
 NOISE = 1.3
 """Measured deviations from frame to frame, in units of those that the normal matrix predicts."""
+SYSTEMATIC = 0.7
+"""Measured deviations that all frames share, in units of those that the body's family and the residuals predict."""
 USUAL_MISFIT = 0.011
 """Root mean square of contours' distances at which measured deviations are as large as predicted [m]."""
+
+MOST_SYSTEMATIC = 2.0
+"""By how much the systematic share of residuals grows at most, in usual ones."""
+USUAL_DEPARTURE = 1.3
+"""Root mean square of a fitted body's parameters, in standard deviations of their prior, among people of the family."""
 
 BODY_INTERVAL = 0.2
 """Seconds between the frames in which the body's share of the uncertainty is computed."""
@@ -139,34 +146,53 @@ class BodyChanges:
 
 
 def body_changes(body: BodyModel) -> BodyChanges:
-    """What a body can be solved for, and how bind poses differ besides."""
-    space, turns = RestSpace(body), bind_pose_turns(body)
-    vertex, joint = space.basis(np.zeros(len(space.names)), body.tracking_vertex)
+    """What a body can be solved for, how bind poses differ besides, and how its sides differ."""
+    space, turns, seen = RestSpace(body), bind_pose_turns(body), body.tracking_vertex
+    vertex, joint = space.basis(np.zeros(len(space.names)), seen)
+    sides_sigma, sides_vertex, sides_joint = space.between_sides()
     return BodyChanges(
-        np.concatenate([vertex, turns.vertex[:, body.tracking_vertex]]),
-        np.concatenate([joint, turns.joint]),
-        np.concatenate([space.sigma, turns.sigma]),
+        np.concatenate([vertex, turns.vertex[:, seen], sides_vertex[:, seen]]),
+        np.concatenate([joint, turns.joint, sides_joint]),
+        np.concatenate([space.sigma, turns.sigma, sides_sigma]),
     )
 
 
+def departure(provenance: Mapping[str, object]) -> float:
+    """By how much a fitted body lies further from the generic one than people of its family do; at least 1.
+
+    What is known of the family, such as where joints lie under the skin, holds so much less for that body.
+    """
+    fitted = provenance.get("fit.departure")
+    return max(1.0, float(fitted) / USUAL_DEPARTURE) if isinstance(fitted, (int, float)) else 1.0
+
+
 class BodyDeviations:
-    """What a body that is not quite the right one does to a clip's poses, window by window.
+    """What a body that is not quite the right one, and cameras that disagree, do to a clip's poses, window by window.
 
     A body's parameters are taken to be as sure as one frame and the prior make them: frames err alike about it. A pose
-    follows the body as it would if that frame were fitted alone, which is looked at every ``BODY_INTERVAL``.
+    follows the body as it would if that frame were fitted alone, which is looked at every ``BODY_INTERVAL``. To this
+    come the changes that the residuals of a window's frames, averaged, still ask for: of the body, and by how much the
+    views disagree about body and poses.
 
     Args:
         problem: the clip's.
-        linearise: the contours' equations of seen frames, with the body's parameters.
+        linearise: the contours' equations of seen frames, by view, with the body's parameters.
         changes: those parameters.
         axes: of the joints; None for the world's.
+        departure: what all this is multiplied by, see :func:`departure`.
     """
 
     def __init__(
-        self, problem: ClipProblem, linearise: LineariseFrames, changes: BodyChanges, axes: JointAxes | None = None
+        self,
+        problem: ClipProblem,
+        linearise: LineariseViews,
+        changes: BodyChanges,
+        axes: JointAxes | None = None,
+        departure: float = 1.0,
     ) -> None:
         self._problem, self._linearise, self._change, self._axes = problem, linearise, changes.joint, axes
         self._information = np.concatenate([problem.rooting.anywhere, changes.sigma]) ** -2.0
+        self._departure = departure
         self._first = 0
         coordinates = problem.rooting.none.pose.shape[1]
         self._last = Uncertainty(np.zeros((1, coordinates)), np.zeros((1, *changes.joint.shape[1:])))
@@ -189,17 +215,42 @@ class BodyDeviations:
         # How sure the body is after one frame, and how each pose follows a change of the body.
         rooting, points = self._problem.rooting, self._problem.points
         dof = len(rooting.searched)
-        matrix = self._linearise(frames, rooted).with_prior(self._information)
+        views = self._linearise(frames, rooted)
+        matrix = views.together.with_prior(self._information)
         body = np.linalg.inv(matrix)[:, dof:, dof:]
         pose = -np.linalg.solve(matrix[:, :dof, :dof], matrix[:, :dof, dof:])  # (frame, dof, parameter)
+        # What each view asks of the pose alone (frame, dof, view), and of a body that is the same in all frames.
+        alone = np.linalg.solve(matrix[:, :dof, :dof], np.swapaxes(views.gradient[..., :dof], 1, 2))
+        asked = (views.gradient[..., dof:] + views.gradient[..., :dof] @ pose).mean(axis=0)  # (view, parameter)
+        follows = matrix[:, dof:, dof:] + matrix[:, dof:, :dof] @ pose
+        change = np.linalg.solve(follows.mean(axis=0), asked.T)  # (parameter, view)
         # A joint moves with its bones, and with the pose that follows them.
-        joint = self._problem.points.centres_by_rest(rooted, self._change)
-        by_pose = points.linearised(rooted)[1][:, ::POINTS_A_JOINT].reshape(len(rooted), -1, dof)
-        by_body = by_pose @ pose + joint.reshape(len(rooted), by_pose.shape[1], -1)
-        by_body = _along(self._axes, rooted, by_body.reshape(joint.shape)).reshape(by_body.shape)
+        joint = points.centres_by_rest(rooted, self._change)
+        by_pose = _along(self._axes, rooted, points.linearised(rooted)[1][:, ::POINTS_A_JOINT])
+        by_pose = by_pose.reshape(len(rooted), -1, dof)
+        by_body = by_pose @ pose + _along(self._axes, rooted, joint).reshape(len(rooted), by_pose.shape[1], -1)
+        leaving = rooting.leaving(rooted)
         coordinate = np.zeros_like(rooted.pose)
-        coordinate[:, rooting.searched] = _sigma(rooting.leaving(rooted) @ pose, body)
-        return Uncertainty(coordinate, _sigma(by_body, body).reshape(joint.shape[:3]))
+        coordinate[:, rooting.searched] = _systematic(leaving @ pose, body, change, leaving @ alone)
+        of_joint = _systematic(by_body, body, change, by_pose @ alone).reshape(joint.shape[:3])
+        return Uncertainty(self._departure * coordinate, self._departure * of_joint)
+
+
+def _systematic(by_body: np.ndarray, body: np.ndarray, change: np.ndarray, alone: np.ndarray) -> np.ndarray:
+    """(frame, value) standard deviations of what all frames have in common.
+
+    Args:
+        by_body: (frame, value, parameter) derivatives by the body.
+        body: (frame, parameter, parameter) its covariance.
+        change: (parameter, view) that each view asks for.
+        alone: (frame, value, view) what each view asks for beside that.
+    """
+    views = change.shape[1]
+    remains = by_body @ change.sum(axis=1)
+    by_view = by_body @ change + alone
+    scatter = views / max(views - 1, 1) * views * by_view.var(axis=2)
+    sigma: np.ndarray = np.sqrt(_sigma(by_body, body) ** 2 + remains**2 + scatter)
+    return sigma
 
 
 def misfit(contour: NormalEquations, searched: np.ndarray, usual: float = USUAL_MISFIT) -> float:
@@ -221,7 +272,9 @@ def combine(
 ) -> Uncertainty:
     """Standard deviations of all that is wrong with poses.
 
-    Both parts are in proportion to the misfit: residuals are as large as they are, not as large as was assumed.
+    Both parts are in proportion to the misfit: residuals are as large as they are, not as large as was assumed. What is
+    wrong in all frames alike is so twice over, up to ``MOST_SYSTEMATIC``: the larger residuals are, the larger is the
+    share of them that is the same in all frames, for masks' noise does not grow.
 
     Args:
         noise: from frame to frame.
@@ -231,8 +284,10 @@ def combine(
         usual: misfit, which shrinks with small bodies as the lengths do that contours are matched by [m].
     """
     scale = misfit / usual
+    alike = SYSTEMATIC * min(scale, MOST_SYSTEMATIC)
     pose, joint = (
-        scale * np.hypot(NOISE * own, shared) for own, shared in ((noise.pose, body.pose), (noise.joint, body.joint))
+        scale * np.hypot(NOISE * own, alike * shared)
+        for own, shared in ((noise.pose, body.pose), (noise.joint, body.joint))
     )
     return Uncertainty(np.minimum(pose, widest), joint)
 

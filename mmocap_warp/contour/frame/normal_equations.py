@@ -50,7 +50,7 @@ class NormalEquations(FrameArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class ViewEquations:
+class ViewEquations(FrameArrays):
     """As :class:`NormalEquations`, of each view apart, with what a rigid motion of the whole body is for the root.
 
     Attributes:
@@ -69,6 +69,11 @@ class ViewEquations:
     axes: np.ndarray
     origin: np.ndarray
 
+    @property
+    def together(self) -> NormalEquations:
+        """Those of all views, which have no columns of their own."""
+        return NormalEquations(self.matrix.sum(axis=1), self.gradient.sum(axis=1), self.cost.sum(axis=1))
+
     def where(self, taken: np.ndarray, other: ViewEquations) -> ViewEquations:
         """These in the views that are ``taken`` (camera,) bool, and others elsewhere."""
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
@@ -79,6 +84,9 @@ class ViewEquations:
 
 LineariseFrames = Callable[[np.ndarray, RootedPoses], NormalEquations]
 """The equations of frames, by their numbers (frame,) and their poses; n is the number of searched coordinates."""
+
+LineariseViews = Callable[[np.ndarray, RootedPoses], ViewEquations]
+"""As above, each view apart, where the body's parameters follow the searched coordinates in n."""
 
 LineariseBody = Callable[[np.ndarray, RootedPoses, np.ndarray], NormalEquations]
 """As above for a body of parameters (parameter,), which follow the searched coordinates in n."""

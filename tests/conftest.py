@@ -30,8 +30,10 @@ from mmocap_warp.device.cores import available_threads
 gc.disable()  # thousands of tests are collected, and none of them is garbage
 
 # Tests start more than a hundred processes, each of which would compile the package's modules anew.
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-sys.dont_write_bytecode = False
+# Mutants are changed files of the same second and size.
+if "MMOCAP_MUTATION" not in os.environ:
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
 
 # A browser is no package that the tests could ask for: without one, its tests are not collected. The header says so.
 collect_ignore = [] if find_browser() else ["study/test_report_browser.py", "display/page/test_page_browser.py"]

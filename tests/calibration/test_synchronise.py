@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import cv2
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 from ball_scene import edit
 
+from mmocap_warp.calibration.sync import synchronise as sync
 from mmocap_warp.calibration.sync.hull_agreement import HullAgreement, Sampling
-from mmocap_warp.calibration.sync.lag_course import lag_course
-from mmocap_warp.calibration.sync.shared_motion import common_offsets, pair_scores
+from mmocap_warp.calibration.sync.lag_course import LagCourse, lag_course
+from mmocap_warp.calibration.sync.shared_motion import PairScores, common_offsets, pair_scores
 from mmocap_warp.calibration.sync.silhouette_motion import LIKE, SilhouetteMotion
 from mmocap_warp.calibration.sync.synchronise import margin_by_motion, synchronise
 from mmocap_warp.cameras.rig import project
@@ -186,6 +188,33 @@ def test_all_pairs_outvote_a_period() -> None:
     lags = np.array([0, 3, -5, 10])
     signals = [source[20 - lag : 160 - lag] @ random.standard_normal((4, 6)) for lag in lags]
     np.testing.assert_array_equal(common_offsets(pair_scores(signals, np.zeros(6), FPS, 20)), lags)
+
+
+def made_scores(reach: int, *pairs: dict[int, float], views: int = 2) -> PairScores:
+    """What pairs of views share at some lags, pair by pair; nothing at all others."""
+    score = np.zeros((views, views, 2 * reach + 1))
+    for (one, other), shared in zip(combinations(range(views), 2), pairs, strict=True):
+        for lag, value in shared.items():
+            score[one, other, reach + lag] = score[other, one, reach - lag] = value
+    return PairScores(score, reach, 2)
+
+
+@pytest.mark.parametrize(("share", "lag"), [(1.5, 2), (2.9, 2), (3.1, 40)])
+def test_a_long_lag_must_score_three_times_as_high_as_a_short_one(monkeypatch, share: float, lag: int) -> None:
+    """Steps repeat themselves, and the next one may fit a little better."""
+    monkeypatch.setattr(sync, "pair_scores", lambda *_: made_scores(50, {2: 1.0, 40: share}))
+    _, offsets = sync._offsets_by_motion([np.zeros((180, 6))] * 2, FPS, 1.0)
+    np.testing.assert_array_equal(offsets, [0, lag])
+
+
+@pytest.mark.parametrize(("third", "sure"), [(20, False), (1, True)])
+def test_half_of_the_other_views_must_agree_alone(third: int, sure: bool) -> None:
+    """One view that shares much decides for all; the others see the same lag or another one."""
+    alone = {0: 0.2, third: 1.0}
+    scores = made_scores(30, {0: 10.0}, alone, alone, {0: 1.0}, {0: 1.0}, {0: 1.0}, views=4)
+    view = sync._judge(scores, 0, np.zeros(4, int), 0.0, LagCourse(), False)
+    assert view.rival < 0.75
+    assert view.sure == sure
 
 
 def test_a_hull_is_of_one_moment(unsynchronised: Path) -> None:

@@ -11,11 +11,15 @@ import kept_readers
 import motion_readers
 import rigged_readers
 import scene_readers
+import tree_readers
 import usd_readers
 from reader import Reader
 
 READERS: dict[str, Reader] = {
     reader.name: reader
-    for kind in (scene_readers, calibration_readers, usd_readers, motion_readers, rigged_readers, kept_readers)
+    for kind in (
+        *(scene_readers, tree_readers, calibration_readers, usd_readers, motion_readers, rigged_readers),
+        kept_readers,
+    )
     for reader in kind.READERS
 }

@@ -24,6 +24,13 @@ def test_damaged_files_do_not_escape(cases):
     assert fuzz.returncode == 0, fuzz.stdout + fuzz.stderr
 
 
+@pytest.mark.parametrize("cases", [40, pytest.param(2000, marks=pytest.mark.nightly)])
+def test_no_odd_tree_of_files_crashes_hangs_or_is_written_elsewhere(cases):
+    options = ["--reader", "tree", "--cases", str(cases), "--seed", "1", "--seconds", "10", "--memory", "1"]
+    fuzz = subprocess.run([sys.executable, str(FOLDER), *options], capture_output=True, text=True)
+    assert fuzz.returncode == 0, fuzz.stdout + fuzz.stderr
+
+
 def test_files_that_escaped_once_do_so_no_more():
     command = [sys.executable, "-c", _WORKER, str(FOLDER), str(FOLDER.parent), str(FOLDER / "escapes")]
     replay = subprocess.run(command, capture_output=True, text=True)

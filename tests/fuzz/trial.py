@@ -104,7 +104,7 @@ def _run_worker(trials: list[Trial], first: int, folder: Path, rules: Rules, tel
         raise RuntimeError(f"the worker ended with {worker.returncode} while it read nothing")
     reader, case = begun
     ended = signal.Signals(-worker.returncode).name if worker.returncode < 0 else f"exit {worker.returncode}"
-    too_long = worker.returncode == -signal.SIGPROF
+    too_long = worker.returncode in (-signal.SIGPROF, -signal.SIGALRM)
     said = f"over {rules.seconds:g} s" if too_long else f"the process ended: {ended}"
     _count(named[reader], rules, tell, case=case, became="escaped", said=said)
     if rules.keep is not None:

@@ -60,6 +60,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="at a time (default: cores)")
     parser.add_argument("--only", default="*", help="run the mutants of files that match (default: *)")
     parser.add_argument("--again", action="store_true", help="run those that survived once more")
+    parser.add_argument("--cache", type=Path, help="Warp's kernel cache to use (default: an empty one)")
     parser.add_argument("--out", type=Path, required=True, help="the sample and its results, JSON")
     return parser.parse_args()
 
@@ -67,7 +68,7 @@ def _arguments() -> argparse.Namespace:
 def _run(work: list[dict], kept: dict, asked: argparse.Namespace) -> None:
     """Run mutants, each job on a core and in a copy of its own; the clean tests of their files first."""
     with tempfile.TemporaryDirectory(prefix="mutation-") as scratch:
-        cache = Path(scratch) / "kernels"
+        cache = asked.cache or Path(scratch) / "kernels"
         copies = [Copy(ROOT, Path(scratch) / str(k), cache) for k in range(min(asked.jobs, len(work)))]
         lock, clean_seconds = threading.Lock(), {}
 

@@ -50,8 +50,10 @@ def _places(root: Path, file: str) -> list[list[tuple[str, int]]]:
         operator = get_operator(name)()
         found = [place for node in nodes for place in operator.mutation_positions(node)]
         for occurrence, (begin, end) in enumerate(found):
-            is_star = lines[begin[0] - 1][begin[1] : begin[1] + 2] == "*,"  # it only parts the parameters
-            if not is_star:
+            line = lines[begin[0] - 1]
+            is_star = line[begin[1] : begin[1] + 2] == "*,"  # it only parts the parameters
+            is_decorator = line.lstrip().startswith("@")  # mypy sees to it that what is frozen is not changed
+            if not (is_star or is_decorator):
                 places[begin, end].append((name, occurrence))
     return [places[place] for place in sorted(places)]
 

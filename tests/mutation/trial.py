@@ -42,6 +42,7 @@ class Copy:
         self._environment = os.environ | {
             "PYTHONPATH": os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]),
             "PYTHONDONTWRITEBYTECODE": "1",  # a changed file of the same second and size would be taken for the old one
+            "MMOCAP_MUTATION": "1",  # which the tests' own settings heed
             "WARP_CACHE_PATH": str(cache),
             "CUDA_VISIBLE_DEVICES": "",
         }
@@ -58,7 +59,7 @@ class Copy:
     def run(self, tests: list[str], limit: float) -> tuple[str, float, str]:
         """Run tests up to the first that fails, for at most so many seconds."""
         # The project's own options are for all cores; a trial has one.
-        options = ["-x", "-q", "-rfE", "--tb=short", "-p", "no:cacheprovider", "-p", "no:xdist"]
+        options = ["-x", "-q", "-rfE", "--tb=short", "-p", "no:cacheprovider", "-n", "0"]
         options += ["-o", "addopts=--import-mode=importlib"]
         began = time.monotonic()
         run = subprocess.Popen(

@@ -182,16 +182,14 @@ class _Clip:
         for i, frame in enumerate(frames):
             self._of_body.observe(0, self._seen[frame])
             each.append(self._of_body.linearise_views(np.zeros(1, int), rooted[i : i + 1]))
-        return ViewEquations(
-            *(np.concatenate(column) for column in zip(*(vars(e).values() for e in each), strict=True))
-        )
+        return each[0].followed_by(*each[1:])
 
 
 def learnt(people: Stated, body: BodyModel) -> np.ndarray:
     """(quantity,) factors, the same on both sides of the body.
 
-    A factor is no larger a change than it needs to be: enough that 95 % are within 2 sigma where fewer are, and that no
-    more than 96.5 % are where more are. Shipped people differ from made ones, and too wide misleads less.
+    A factor is no larger a change than it needs to be: enough that 95.5 % are within 2 sigma where fewer are, and that
+    no more than 98.5 % are where more are. Shipped people differ from made ones, and too wide misleads less.
     """
     ratio = np.abs(people.error / people.sigma) / 2
     factor = np.ones(ratio.shape[1])

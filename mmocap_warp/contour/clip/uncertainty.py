@@ -32,7 +32,7 @@ USUAL_MISFIT = 0.011
 
 MOST_SYSTEMATIC = 2.0
 """By how much the systematic share of residuals grows at most, in usual ones."""
-USUAL_DEPARTURE = 1.3
+USUAL_DEPARTURE = 1.2
 """Root mean square of a fitted body's parameters, in standard deviations of their prior, among people of the family."""
 
 BODY_INTERVAL = 0.2

@@ -3,12 +3,46 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
+import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
+
+_RESERVED = re.compile(r'[<>:"/\\|?*]|^\.|[. ]$|^(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|$)|^$', re.IGNORECASE)
+MAX_NAME = 200
+"""Bytes of a name of a file; file systems allow 255, of which endings take some."""
+MAX_BYTES = 1 << 28
+"""Bytes of a file that is read at once: far above an image or a long motion, far below the memory."""
+
+
+def file_name(name: str, source: object) -> str:
+    """The name of a file or folder for what ``source`` calls ``name``, such as a camera: the same, if that is possible.
+
+    Raises:
+        InputError: it would lead elsewhere, or some system has no file of that name.
+    """
+    if _RESERVED.search(name) or not name.isprintable() or len(name.encode()) > MAX_NAME:
+        problem = f"{name!r} cannot be the name of a file"
+        raise InputError(source, problem, 'name it without any of <>:"/\\|?* and control characters')
+    return name
+
+
+def native_path(path: str | Path) -> str:
+    """A path as OpenCV, USD and ezc3d take it: one that is not UTF-8 may end the process in them.
+
+    Raises:
+        InputError: it is not UTF-8.
+    """
+    try:
+        return str(path).encode().decode()
+    except UnicodeEncodeError:
+        problem, remedy = "has a name that is not UTF-8", "rename the file or its folder"
+        raise InputError(ascii(str(path)), problem, remedy) from None
 
 
 @contextmanager
@@ -49,23 +83,58 @@ def content_hash(file: Path) -> bytes:
         InputError: it cannot be read.
     """
     try:
+        _regular_size(file)
         with file.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").digest()
     except OSError as error:
         raise InputError(file, f"cannot be read ({error})", "check its permissions") from error
 
 
-def read_text(
-    path: str | Path, remedy: str, *, missing: str = "check the path", encoding: str = "utf-8", errors: str = "strict"
-) -> str:
-    """A file's text.
+def _regular_size(path: Path) -> int:
+    """Bytes of a file; an InputError for a device or a pipe, which may have no end or never begin."""
+    status = os.stat(path)
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(path, "is a folder" if path.is_dir() else "is no regular file", "name a file")
+    return status.st_size
+
+
+def read_bytes(path: str | Path, remedy: str, *, missing: str = "check the path", most: int = MAX_BYTES) -> bytes:
+    """A file's content.
 
     Raises:
-        InputError: no such file, for which ``missing`` says what to do; or one that cannot be read as text.
+        InputError: no such file, for which ``missing`` says what to do; one that cannot be read, is no regular file, or
+            has over ``most`` bytes.
     """
+    path = Path(path)
     try:
-        return Path(path).read_text(encoding=encoding, errors=errors)
+        is_larger = _regular_size(path) > most
+        with path.open("rb") as stream:
+            data = b"" if is_larger else stream.read(most + 1)  # a file may grow
     except FileNotFoundError:
         raise InputError(path, "no such file", missing) from None
     except (OSError, ValueError) as error:
+        raise InputError(path, f"cannot be read ({getattr(error, 'strerror', None) or error})", remedy) from None
+    if is_larger or len(data) > most:
+        raise InputError(path, f"has over {most >> 20} MB", remedy)
+    return data
+
+
+def read_text(
+    path: str | Path,
+    remedy: str,
+    *,
+    missing: str = "check the path",
+    most: int = MAX_BYTES,
+    encoding: str = "utf-8-sig",
+    errors: str = "strict",
+) -> str:
+    """A file's text, by default of UTF-8 with or without a byte order mark.
+
+    Raises:
+        InputError: as :func:`read_bytes`, or it is no text.
+    """
+    data = read_bytes(path, remedy, missing=missing, most=most)
+    try:
+        return io.TextIOWrapper(io.BytesIO(data), encoding, errors).read()
+    except ValueError as error:
         raise InputError(path, f"cannot be read as text ({error})", remedy) from None

@@ -25,6 +25,8 @@ import pytest
 import warp as wp
 from browser import find_browser
 
+from mmocap_warp.device.cores import available_threads
+
 gc.disable()  # thousands of tests are collected, and none of them is garbage
 
 # Tests start more than a hundred processes, each of which would compile the package's modules anew.
@@ -87,6 +89,11 @@ def pytest_configure(config: pytest.Config) -> None:
         # In the stack, tiles are found through a static pointer that debug code follows: CPU threads would share it.
         wp.config.enable_tiles_in_stack_memory = False
         wp.config.kernel_cache_dir = str(config.cache.mkdir("warp-debug"))
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One process more than cores: some tests wait for other processes that they have started."""
+    return available_threads() + 1
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

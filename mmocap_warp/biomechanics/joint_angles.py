@@ -23,6 +23,9 @@ from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 _LEAST_ELEVATION = 5.0
 """An arm that hangs, or points up, within this angle has no plane of elevation [degrees]."""
 
+_LEAST_FOLLOWED = 0.05
+"""How far some angle of a joint goes along with a coordinate that moves the joint, as a share."""
+
 _MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 """A rotation times this, element by element, is the one that its mirror image across the xy plane makes."""
 
@@ -81,6 +84,29 @@ def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str,
         first, second, third = map(_unwrap_degrees, _ANGLES_BY_ORDER[definition.order](between))
         angles[joint] = dict(zip(definition.names, (definition.sign * first, second, third), strict=True))
     return angles
+
+
+def held_angles(around: dict[str, dict[str, np.ndarray]]) -> list[tuple[str, str]]:
+    """Joint and name of each angle that a model does not search, though it changes a little with those it does.
+
+    A joint of three searched coordinates or more has all its angles. One of fewer has as many as it has coordinates:
+    those that together follow them most.
+
+    Args:
+        around: as of :func:`joint_angles`, of poses in each of which one searched angle is turned by a degree, and last
+            of the pose that none is turned in: each (searched + 1,) [degrees].
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    held = []
+    for joint, names in around.items():
+        angles = np.stack(list(names.values()))
+        change = np.nan_to_num(np.abs((angles[:, :-1] - angles[:, -1:] + 180.0) % 360.0 - 180.0))
+        change = change[:, change.max(axis=0) > _LEAST_FOLLOWED]
+        if change.shape[1] < len(names):
+            kept = linear_sum_assignment(change, maximize=True)[0]
+            held += [(joint, name) for number, name in enumerate(names) if number not in kept]
+    return held
 
 
 def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:

@@ -9,7 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mmocap_warp.biomechanics.joint_angles import joint_angles, joints_left_out, own_angles, own_shifts
+from mmocap_warp.biomechanics.joint_angles import (
+    held_angles,
+    joint_angles,
+    joints_left_out,
+    own_angles,
+    own_shifts,
+)
 from mmocap_warp.biomechanics.segments import Sex, centre_of_mass, skin_place
 from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor, walking
 from mmocap_warp.body.model import BodyModel, Subject
@@ -53,6 +59,7 @@ class RunMeasures:
         joints: (frame, joint, 3), joint centres in the world [m].
         joint_sigma: likewise, their standard deviations along the world's axes; None where they are not known.
         angles: by joint and name, (frame,) each [degrees]; of a body that is no person, by axis of the joint's frame.
+        held: a person's angles that the model does not search, and which are left out, such as ``LElbow pronation``.
         shifts: by joint that slides and axis of its frame, (frame,) each, from the bind pose [m].
         feet: by side; of a body that is no person, by joint.
         walking: steps and strides.
@@ -63,6 +70,7 @@ class RunMeasures:
     joints: np.ndarray
     joint_sigma: np.ndarray | None
     angles: dict[str, dict[str, np.ndarray]]
+    held: tuple[str, ...]
     shifts: dict[str, dict[str, np.ndarray]]
     feet: dict[str, Foot]
     walking: Walking
@@ -147,13 +155,35 @@ def _measure_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex
         for name, joint in feet_of(body).items()
         if name in feet
     }
+    angles, held = _searched_angles(result, pose, transforms)
     return RunMeasures(
         run=run,
         joints=joints,
         joint_sigma=None if raw or result.joint_sigma is None else result.joint_sigma[run],
-        angles=joint_angles(body, transforms) or own_angles(body.skeleton, pose, result.config.get("dof")),
+        angles=angles or own_angles(body.skeleton, pose, result.config.get("dof")),
+        held=held,
         shifts=own_shifts(body.skeleton, pose, result.config.get("dof")),
         feet=feet,
         walking=walking(feet, heel, joints[:, 0], seconds, up),
         centre_of_mass=centre_of_mass(body, transforms, sex),
     )
+
+
+def _searched_angles(
+    result: Result, pose: np.ndarray, transforms: np.ndarray
+) -> tuple[dict[str, dict[str, np.ndarray]], tuple[str, ...]]:
+    """A person's joint angles (frame,) by joint and name [degrees], and the names of those that the model holds still.
+
+    The latter are left out: they would say what the body's bind pose is.
+    """
+    body = result.subject.body
+    angles = joint_angles(body, transforms)
+    model = result.config.get("dof")
+    if not angles or model is None:
+        return angles, ()
+    searched = body.skeleton.searched_angles(model)
+    turned = np.repeat(pose[:1], len(searched) + 1, axis=0)
+    turned[np.arange(len(searched)), searched] += np.radians(1.0)  # the last pose stays as it is
+    held = held_angles(joint_angles(body, Poser(body, result.subject.root_base).joint_transforms(turned)))
+    left = {joint: {name: own[name] for name in own if (joint, name) not in held} for joint, own in angles.items()}
+    return {joint: own for joint, own in left.items() if own}, tuple(f"{joint} {name}" for joint, name in held)

@@ -1,10 +1,9 @@
 """Which camera disagrees with the others, and why.
 
-Gross mistakes, such as a mirrored picture or the masks of another camera, show in the silhouettes' hull, and where
-cameras are somewhat off besides, in two landmarks of each silhouette: of all ways to put one thing right, the check
-names the one after which the views agree. Smaller errors show in contours:
-cameras, times, body and poses are adjusted together, and of all changes of one camera in one respect, the check names
-the one that alone explains most of what the adjustment gained.
+Gross mistakes, such as a mirrored picture or the masks of another camera, show in the silhouettes' hull. Where cameras
+are somewhat off besides, they show in two landmarks of each silhouette: of all ways to put one thing right, the check
+names the one after which the views agree. Smaller errors show in contours: cameras, times, body and poses are adjusted
+together, and the check names the changes of one camera in one respect that explain what the adjustment gained.
 """
 
 from __future__ import annotations
@@ -21,29 +20,33 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, CameraSolution, Person, Progress
 from mmocap_warp.calibration.adjust.camera_changes import CENTRE, FOCAL, KINDS, OFFSET, POSITION, ROTATION, changed
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
-from mmocap_warp.calibration.first_look import few_masks
-from mmocap_warp.calibration.gross_mistake import Mistake, Silhouettes, agreement, find_mistake
+from mmocap_warp.calibration.first_look import few_views
+from mmocap_warp.calibration.gross_mistake import IMAGE_SIZE, MIRRORED, SIZES, SWAPPED, Mistake
+from mmocap_warp.calibration.refine.refinement import CLEAR, STATED
+from mmocap_warp.calibration.sync.lag_course import lag_course, peak
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.scene.recording import Scene
 
+_MOVED = "rotation and position"
 CAUSES: dict[str, slice] = {
     "rotation": ROTATION,
     "position": POSITION,
+    _MOVED: slice(ROTATION.start, POSITION.stop),
     "focal length": slice(FOCAL, FOCAL + 1),
     "principal point": CENTRE,
     "time offset": slice(OFFSET, OFFSET + 1),
 }
 """What may be somewhat wrong with one camera, and the parameters that put it right."""
 
-_SIZES = (0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0)  # sizes of images over those that a camera was calibrated for
 _SOUND_MISS = 0.045  # metres: root mean square by which rays of a sound rig miss each other at most
 _GROSS_RATIO = 0.6  # one gross mistake put right must bring the rays' misses below this share
 _MAX_MISS = 0.3  # metres: misses beyond this count as this
-_MIN_EXPLAINED = 0.12  # share of the contours' cost that a change must explain; .08 happens by chance
+_MIN_DISTANCE = CLEAR * STATED  # a frame's standard deviations, in the mean of a change's parameters
 _PARAMETER_COST = 0.5  # cost in a frame that each parameter of a change explains by chance alone
-_TIE_RATIO = 0.85  # causes that explain this share of what the best one explains are named too
+_TIE_RATIO = 0.85  # causes that explain this share of what the best one explains are as likely
+_LAG_FRAMES, _LAG_STRETCH = 48, 6  # frames whose lags are compared, and those of each stretch of the recording
 _FRAMES = 8  # frames in which silhouettes are compared with the hull of the others
 
 
@@ -53,29 +56,26 @@ class Finding:
 
     Attributes:
         camera: its name.
-        cause: one of ``CAUSES``, or a gross one, such as ``mirrored``, ``image size`` or ``wrong file``.
-        other: the camera whose masks or calibration it has, where the cause is a wrong file.
+        cause: one of ``CAUSES``, that of the gross mistake, ``dropped frames`` or ``frame rate``.
         change: (camera, parameter) that puts it right; None where no change of the parameters does.
         explained: share of all error that this explains, in 0 to 1.
-        size: of the images over those that were calibrated, where that is the cause.
         others: causes that explain nearly as much.
-        mistake: what the silhouettes' hull says, where it names the cause.
+        mistake: the gross mistake, where it is one.
+        words: what is wrong, in words, where it is no change of the parameters.
     """
 
     camera: str
     cause: str
-    other: str | None = None
     change: np.ndarray | None = None
     explained: float = 1.0
-    size: float | None = None
     others: tuple[str, ...] = ()
     mistake: Mistake | None = None
+    words: str = ""
 
     @classmethod
     def of(cls, mistake: Mistake) -> Finding:
         """A gross mistake as a finding."""
-        camera, *other = mistake.cameras or ("all cameras",)
-        return cls(camera, mistake.cause, next(iter(other), None), size=mistake.size, mistake=mistake)
+        return cls((mistake.cameras or ("all cameras",))[0], mistake.cause, mistake=mistake, words=str(mistake))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,23 +143,44 @@ def check(
     covered = coherence(rig, observations[:: max(1, len(observations) // _FRAMES)])
     report("silhouettes", 0.1)
     # A gross mistake ends the check, because no body can be tracked with it.
-    small, frames = few_masks(scene)
-    compared = [Silhouettes.of(masks) for masks in frames]
-    mistake = find_mistake(small, compared, agreement(small, compared))
-    gross = Finding.of(mistake) if mistake else gross_mistake(rig, landmarks(rig, observations), footage.fps)
-    if gross is not None:
-        return CameraCheck(rig.names, covered, None, (gross,), footage.scale)
+    views = few_views(scene)
+    mistake = views.mistake()[1] if views.large_enough else None
+    mistake = mistake or gross_mistake(rig, landmarks(rig, observations), footage.fps)
+    if mistake is not None:
+        return CameraCheck(rig.names, covered, None, (Finding.of(mistake),), footage.scale)
     # Otherwise the person is tracked, and the cameras are adjusted.
     change = adjustment.start()
     subject = adjustment.fit_body(change)
     report("body", 0.5)
     change, person = adjustment.add_whole_lags(change, adjustment.track_person(change, subject))
+    # A lag that changes midway is no change of the parameters, and would look like other errors.
+    findings = changing_lags(adjustment, change, person)
+    if findings:
+        return CameraCheck(rig.names, covered, None, findings, footage.scale)
     solution = adjustment.solve(change, person, adjustment.sigma)
     report("cameras", 0.9)
     findings = small_errors(rig, solution)
-    overlap, views = _compare_views(rig, person, solution, findings)
+    overlap, pictures = _compare_views(rig, person, solution, findings)
     report("compared", 1.0)
-    return CameraCheck(rig.names, covered, overlap, findings, footage.scale, views)
+    return CameraCheck(rig.names, covered, overlap, findings, footage.scale, pictures)
+
+
+def changing_lags(adjustment: Adjustment, change: np.ndarray, person: Person) -> tuple[Finding, ...]:
+    """The cameras that dropped frames or run at another rate, by the lags of their views behind the tracked body."""
+    frames, scene = person.spread(_LAG_FRAMES), adjustment.scene
+    costs = adjustment.lag_costs(change, person, frames)
+    stretches = np.array_split(np.arange(len(frames)), max(1, len(frames) // _LAG_STRETCH))
+    numbers = scene.first_frame + frames * scene.fps / adjustment.footage.fps
+    middles = np.array([numbers[part].mean() for part in stretches])
+    findings = []
+    for k, source in enumerate(scene.cameras):
+        lags = np.array([peak(-costs[:, part, k].sum(axis=1)) for part in stretches]) - len(costs) // 2
+        course = lag_course(middles, lags)
+        if course.changes:
+            cause = "dropped frames" if course.jump else "frame rate"
+            fault = course.fault(source.name, scene.fps * source.rate * (1 + course.slope))
+            findings.append(Finding(source.name, cause, words=fault))
+    return tuple(findings)
 
 
 def _compare_views(
@@ -190,7 +211,7 @@ def _compare_views(
     return np.where(known.any(axis=0), mean, np.nan), tuple(views)
 
 
-def gross_mistake(rig: CameraRig, seen: np.ndarray, fps: float) -> Finding | None:
+def gross_mistake(rig: CameraRig, seen: np.ndarray, fps: float) -> Mistake | None:
     """A mistake that puts one camera, or two that have each other's masks, out of all agreement.
 
     Args:
@@ -204,26 +225,26 @@ def gross_mistake(rig: CameraRig, seen: np.ndarray, fps: float) -> Finding | Non
     if miss < _SOUND_MISS:
         return None
     # Try every mistake of one camera: its pictures mirrored, or of another size.
-    trials: list[tuple[float, Finding]] = []
+    trials: list[tuple[float, Mistake]] = []
     for k in cameras:
         mirrored = seen.copy()
         mirrored[:, k, :, 0] = rig.size[k, 0] - 1 - mirrored[:, k, :, 0]
-        trials.append((_landmark_miss(rig, mirrored, fps), Finding(rig.names[k], "mirrored")))
-        for size in _SIZES:
+        trials.append((_landmark_miss(rig, mirrored, fps), Mistake((rig.names[k],), MIRRORED)))
+        for size in SIZES:
             K = rig.K.copy()
             K[k, :2] *= size
-            finding = Finding(rig.names[k], "image size", size=size)
-            trials.append((_landmark_miss(replace(rig, K=K), seen, fps), finding))
+            mistake = Mistake((rig.names[k],), IMAGE_SIZE, size)
+            trials.append((_landmark_miss(replace(rig, K=K), seen, fps), mistake))
     # Try every exchange of two cameras.
     for one, other in combinations(cameras, 2):
         order = list(cameras)
         order[one], order[other] = other, one
-        finding = Finding(rig.names[one], "wrong file", other=rig.names[other])
-        trials.append((_landmark_miss(rig, seen[:, order], fps), finding))
+        mistake = Mistake((rig.names[one], rig.names[other]), SWAPPED)
+        trials.append((_landmark_miss(rig, seen[:, order], fps), mistake))
     # The best must be clearly better than the rig as it is, and better than turning a camera.
-    best, finding = min(trials, key=lambda trial: trial[0])
+    best, mistake = min(trials, key=lambda trial: trial[0])
     turned = min(_landmark_miss(rig, seen, fps, turned=k) for k in cameras)
-    return finding if best < min(_GROSS_RATIO * miss, turned) else None
+    return mistake if best < min(_GROSS_RATIO * miss, turned) else None
 
 
 def _landmark_miss(rig: CameraRig, seen: np.ndarray, fps: float, turned: int | None = None) -> float:
@@ -247,11 +268,17 @@ class _Change(NamedTuple):
     others: tuple[str, ...] = ()
 
 
-def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...]:
-    """Changes of one camera in one respect that explain enough, those that explain most first.
+def _likelihood(change: _Change) -> float:
+    """What a change gains beyond chance; one that holds others as special cases must gain more than they do."""
+    return change.gain * (_TIE_RATIO if change.cause == _MOVED else 1.0) - _PARAMETER_COST * len(change.parameters)
 
-    Around the adjusted cameras the contours' cost is quadratic, and so is what any change alone would gain. Changes are
-    chosen one after the other, each beside those before it, and each camera is named once.
+
+def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...]:
+    """Changes of one camera in one respect that are significant, those that explain most first.
+
+    Around the adjusted cameras the contours' cost is quadratic, and so is what any change alone would gain: half the
+    squared Mahalanobis distance of its parameters. Changes are chosen one after the other, each beside those before it,
+    and each camera is named once. That a camera was both turned and moved counts where neither alone does as much.
 
     Args:
         rig: the cameras.
@@ -278,10 +305,14 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
         for cause, columns in CAUSES.items()
         if k not in chosen and (own := [int(each) for each in number[k, columns] if each >= 0])
     ]:
-        best = max(options, key=lambda option: option.gain - _PARAMETER_COST * len(option.parameters))
-        if best.gain < _MIN_EXPLAINED * solution.cost:
+        best = max(options, key=_likelihood)
+        if 2 * best.gain < _MIN_DISTANCE**2 * len(best.parameters):
             break
-        ties = [each for each in options if each.camera == best.camera and each.gain > _TIE_RATIO * best.gain]
+        ties = [
+            each
+            for each in options
+            if each.camera == best.camera and each.cause != _MOVED and each.gain > _TIE_RATIO * best.gain
+        ]
         chosen[best.camera] = best._replace(others=tuple(each.cause for each in ties if each.cause != best.cause))
         held += best.parameters
         before = gain_of(held)

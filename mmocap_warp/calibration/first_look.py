@@ -13,8 +13,8 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.calibration.gross_mistake import Agreement, Silhouettes, agreement, find_mistake
-from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.calibration.gross_mistake import Agreement, Mistake, Silhouettes, agreement, find_mistake
+from mmocap_warp.cameras.rig import METRES, CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.masks.cleanup import rivals
 from mmocap_warp.masks.frames import VideoFile
@@ -33,16 +33,10 @@ _STRANGER, _WITHOUT = 0.3, 0.9  # explained share of a view that shows something
 _LEFT = 0.35  # share of the disagreement that is left without a view that disagrees
 _SOUND = 0.96  # share of views of which none is in doubt
 _SMALL, _LARGE = 0.3, 1.75  # extent over the body's. People have .4 to 1.1, a calibration in feet makes that 2 and more
+_UNIT_NAMES = {"m": "metres", "mm": "millimetres", "cm": "centimetres", "in": "inches", "ft": "feet"}
 _UNITS = {
-    "feet had been read as metres": 3.281,
-    "inches had been read as metres": 39.37,
-    "centimetres had been read as metres": 100.0,
-    "millimetres had been read as metres": 1000.0,
-    "centimetres had been read as millimetres": 1 / 10,
-    "inches had been read as millimetres": 1 / 25.4,
-    "feet had been read as millimetres": 1 / 304.8,
-    "metres had been read as millimetres": 1 / 1000,
-}  # by how much too large that makes the subject
+    (unit, read): METRES[read] / METRES[unit] for read in ("m", "mm") for unit in METRES if unit != read
+}  # by how much too large it makes the subject to read a unit as another
 _UNIT_RATIO = 1.8  # by which a unit may miss the sizes' ratio
 _STANDING = 0.8  # extent of somebody who stands over that of the body at rest, whose arms are spread
 
@@ -76,25 +70,21 @@ def look(
     Raises:
         InputError: images that cannot be read.
     """
-    rig, frames = few_masks(scene, _SIDE, start)
+    views = few_views(scene, start)
+    rig, compared = views.rig, views.compared
     if len(rig) < 2:
         return FirstLook(f"has one view, {rig.names[0]}, and two or more are needed", "add a camera")
     # Masks by themselves.
-    problem, remedy = _mask_fault(scene, rig, frames)
+    problem, remedy = _mask_fault(scene, rig, views.frames)
     if problem is not None:
         return FirstLook(problem, remedy)
-    compared = [Silhouettes.of(masks) for masks in frames]
-    if (diameter := _diameter(compared)) < _DIAMETER < int(scene.calibrated.size.max()):
-        rig, frames = few_masks(scene, round(_SIDE * min(4.0, _DIAMETER / diameter)), start)
-        compared = [Silhouettes.of(masks) for masks in frames]
     seen = {k for frame in compared for k in frame.seeing}
-    doubts = [f"{name} shows nobody in {len(frames)} frames" for k, name in enumerate(rig.names) if k not in seen]
-    if not _diameter(compared) >= _MIN_DIAMETER:
+    doubts = [f"{name} shows nobody in {len(compared)} frames" for k, name in enumerate(rig.names) if k not in seen]
+    if not views.large_enough:
         return FirstLook(doubts=tuple(doubts))
     # The calibration, by all views together.
     check = f"check with: mmocap calib check {scene.path}"
-    now = agreement(rig, compared)
-    mistake = find_mistake(rig, compared, now)
+    now, mistake = views.mistake()
     if mistake is not None:
         found = f"{100 * now.share:.0f} % of the masks lie in the other views' hull, and nearly all after a repair"
         return FirstLook(f"{mistake} ({found})", check)
@@ -117,10 +107,47 @@ def look(
     return FirstLook(doubts=(*doubts, *([f"{problem}; {check}"] if problem is not None else [])))
 
 
-def _diameter(silhouettes: Sequence[Silhouettes]) -> float:
-    """The median of the circles about the masks [px]; NaN where nobody is seen."""
-    diameters = np.concatenate([frame.diameters for frame in silhouettes])
-    return float(np.median(diameters[np.isfinite(diameters)])) if np.isfinite(diameters).any() else float("nan")
+@dataclass(frozen=True, eq=False)
+class FewViews:
+    """A few frames of a scene, in images that are large enough to compare the views where the recording has such.
+
+    Attributes:
+        rig: the cameras at the masks' size.
+        frames: per frame and camera (height, width) bool.
+        compared: what is compared of each frame.
+    """
+
+    rig: CameraRig
+    frames: Sequence[list[np.ndarray]]
+    compared: list[Silhouettes]
+
+    @property
+    def diameter(self) -> float:
+        """The median of the circles about the masks [px]; NaN where nobody is seen."""
+        diameters = np.concatenate([frame.diameters for frame in self.compared])
+        return float(np.median(diameters[np.isfinite(diameters)])) if np.isfinite(diameters).any() else float("nan")
+
+    @property
+    def large_enough(self) -> bool:
+        """Whether the subject is so large that its silhouettes tell of the cameras."""
+        return self.diameter >= _MIN_DIAMETER
+
+    def mistake(self) -> tuple[Agreement, Mistake | None]:
+        """How well the views agree, and the gross mistake after whose repair they do, if there is one."""
+        now = agreement(self.rig, self.compared)
+        return now, find_mistake(self.rig, self.compared, now)
+
+
+def few_views(scene: Scene, start: Subject | None = None) -> FewViews:
+    """A few frames of a scene; ``start`` is the subject, where it is known."""
+    views = _views_of(*few_masks(scene, _SIDE, start))
+    if views.diameter < _DIAMETER < int(scene.calibrated.size.max()):
+        views = _views_of(*few_masks(scene, round(_SIDE * min(4.0, _DIAMETER / views.diameter)), start))
+    return views
+
+
+def _views_of(rig: CameraRig, frames: Sequence[list[np.ndarray]]) -> FewViews:
+    return FewViews(rig, frames, [Silhouettes.of(masks) for masks in frames])
 
 
 def few_masks(
@@ -198,14 +225,15 @@ def _wrong_size(scene: Scene, body: BodyModel, extent: float) -> FirstLook | Non
     ratio = extent / float(np.linalg.norm(size))
     if not np.isfinite(extent) or _SMALL < ratio < _LARGE:
         return None
-    off = {cause: abs(np.log(ratio / _STANDING / by)) for cause, by in _UNITS.items()}
-    cause = min(off, key=lambda each: off[each])
-    why = f", as if {cause}" if off[cause] < np.log(_UNIT_RATIO) else ""
+    off = {each: abs(np.log(ratio / _STANDING / by)) for each, by in _UNITS.items()}
+    unit, read = min(off, key=lambda each: off[each])
+    known = off[unit, read] < np.log(_UNIT_RATIO)
+    why = f", as if {_UNIT_NAMES[unit]} had been read as {_UNIT_NAMES[read]}" if known else ""
     return FirstLook(
         f"the subject is {_length(extent)} large, and the body {body.name} {_length(float(size.max()))}: its unit of"
         f" length is wrong{why}",
-        f'give {scene.calibration or "the calibration"} in metres, or [cameras] units = "mm" for millimetres; or name a'
-        " body of that size",
+        f"give {scene.calibration or 'the calibration'} in metres, or say its unit: [cameras] units = "
+        f'"{unit if known else "mm"}"; or name a body of that size',
     )
 
 

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.masks.visual_hull import hull_thickness, mask_centroid, meeting_point_of
+from mmocap_warp.masks.visual_hull import explained_share, mask_centroid, meeting_point_of
 
 Masks = Sequence[np.ndarray]
 """Masks of a frame: per camera (height, width) bool."""
@@ -29,9 +29,10 @@ _REPAIRED = 0.93  # share that the right repair brings at least; sound recording
 _LEFT = 0.35  # share of the disagreement that the right repair leaves at most; others leave .6 and more
 _SURE_TWO_VIEWS, _REPAIRED_TWO_VIEWS = 0.7, 0.97  # the same of two views, which agree on more than there is
 _ALL_TRIAL_FRAMES = 6  # cameras up to which every other frame judges a repair; one frame judges those of more
-_SIZES = (0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0)  # sizes of images over those that a camera was calibrated for
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])  # from the camera axes of computer graphics to OpenCV's
 
+SIZES = (0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0)
+"""Sizes of images over those that a camera was calibrated for, of which one may be wrong."""
 MIRRORED, SWAPPED, IMAGE_SIZE = "mirrored", "wrong file", "image size"
 _TURNS = {
     MIRRORED: np.diag([-1.0, 1.0]),
@@ -164,10 +165,9 @@ def agreement(rig: CameraRig, frames: Sequence[Silhouettes]) -> Agreement:
             scaled = replace(rig, t=rig.t * scale)
             for k in seeing:
                 others = [j for j in seeing if j != k]
-                thick = hull_thickness(
-                    scaled, frame.masks, k, others, frame.pixels[k], depth[k] * scale, min(2, len(others))
-                )
-                explained[number, k] = (thick > 0).mean() if depth[k] > 0 else 0.0
+                least = min(2, len(others))
+                share = explained_share(scaled, frame.masks, k, others, frame.pixels[k], depth[k] * scale, least)
+                explained[number, k] = share if depth[k] > 0 else 0.0
         return Agreement(np.nanmedian(explained, axis=0), float(np.nanmedian(np.nanmedian(extent, axis=1))))
 
 
@@ -211,7 +211,7 @@ def _repairs(rig: CameraRig) -> Iterator[tuple[Mistake, CameraRig]]:
             yield Mistake(names, _INVERTED), _inverted(rig, some)
         for cause, turn in _TURNS.items():
             yield Mistake(names, cause), _turned(rig, some, turn)
-        for size in _SIZES:
+        for size in SIZES:
             K = rig.K.copy()
             K[some, :2] *= size
             yield Mistake(names, IMAGE_SIZE, size), replace(rig, K=K)

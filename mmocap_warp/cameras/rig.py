@@ -11,8 +11,13 @@ import numpy as np
 
 from mmocap_warp.cameras.fisheye import distort_fisheye, folds_over, pinhole_of
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import file_name
 
 UP_AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
+METRES = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
+"""Metres per unit of length."""
+
+_USUAL_REACH = (1.0, 30.0)  # metres between cameras, or from the origin, in a room
 _MAX_NUMBER = 1e9  # in a calibration; its square and cube are still finite
 _MAX_CAMERAS = 1000
 _MAX_GROWTH = 4  # by which undistortion may enlarge or shrink a fisheye's image; real ones grow up to 1.7
@@ -231,13 +236,14 @@ def check_rig(rig: CameraRig, source: object, placed: bool = True) -> CameraRig:
     If it is not ``placed``, the cameras are lenses that are all at the origin.
 
     Raises:
-        InputError: a name twice, values that are not finite, a matrix that is no rotation (mirrored ones
-            are named), focal lengths that are not pixels, or positions that are not metres.
+        InputError: a name twice or one that no file can have, values that are not finite, a matrix that is no rotation
+            (mirrored ones are named), focal lengths that are not pixels, or positions that are not metres.
     """
     repeated = sorted({name for name in rig.names if rig.names.count(name) > 1})
     if repeated:
         raise InputError(source, f"camera name '{repeated[0]}' is used twice", "give every camera its own name")
     for k, name in enumerate(rig.names):
+        file_name(name, f"{source}: camera")
         _check_camera(rig, k, f"{source}: camera '{name}'")
     if placed:
         _check_metres(rig, source)
@@ -289,7 +295,9 @@ def _check_metres(rig: CameraRig, source: object) -> None:
     reach = float(np.abs(centres).max())
     if max(span, reach) > 200:
         problem = f"cameras lie up to {max(span, reach):.6g} m from each other or from the origin"
-        raise InputError(source, problem, 'if the file is in millimetres, set [cameras] units = "mm" in the scene')
+        units = [unit for unit in METRES if _USUAL_REACH[0] < METRES[unit] * max(span, reach) < _USUAL_REACH[1]]
+        likely = " or ".join(f'units = "{unit}"' for unit in units or ["mm"])
+        raise InputError(source, problem, f"if the file is not in metres, set [cameras] {likely} in the scene")
     if len(rig) > 1 and span < 0.05:
-        remedy = 'check the translations, and [cameras] units ("m" or "mm")'
+        remedy = f"check the translations, and [cameras] units ({', '.join(METRES)})"
         raise InputError(source, f"all cameras lie within {1000 * span:.3g} mm of each other", remedy)

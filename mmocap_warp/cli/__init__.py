@@ -16,7 +16,9 @@ import tomllib
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from pathlib import Path
+from typing import Any, TextIO, cast
 
 from cyclopts import App, CycloptsError, Parameter
 
@@ -61,18 +63,73 @@ def main(argv: Sequence[str] | None = None) -> int:
     tokens = sys.argv[1:] if argv is None else list(argv)
     # NumPy's matrix products have other last bits with other numbers of threads: results would depend on the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # A small file may say that its image is as large as the memory.
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 27))
+    _open_streams()
+    messages = sys.stderr
+    sys.stderr = cast(TextIO, _Messages(messages))
     try:
         code = _run(tokens)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
-        _drop_output()
+        _drop_output(sys.stdout)
         return BROKEN_PIPE
     except OSError as error:
-        _drop_output()
+        _drop_output(sys.stdout)
         if error.errno not in _NO_ROOM:
             raise
         return _fail(f"cannot write ({error.strerror}); make room, or send the output elsewhere", FAILURE)
+    finally:
+        sys.stderr = messages
+
+
+class _Messages:
+    """Standard error, or nothing once it cannot be written: a run does not end for want of somebody who reads.
+
+    Args:
+        stream: what is written to.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            return self._stream.write(text)
+        _drop_output(self._stream)
+        return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError:
+            _drop_output(self._stream)
+
+
+def _open_streams() -> None:
+    """Open standard streams that are closed: the next file that is opened would be taken for one of them.
+
+    A path that is not UTF-8 is printed with escapes.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, os.O_RDWR)  # as a rule it gets this number, the lowest that is free
+            os.dup2(opened, number)
+            if opened != number:
+                os.close(opened)
+            os.set_inheritable(number, True)
+    sys.stdout, sys.stderr = (
+        stream or open(number, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        for number, stream in ((1, sys.stdout), (2, sys.stderr))
+    )
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _run(tokens: list[str]) -> int:
@@ -143,10 +200,10 @@ def _kernel_cache_at_fault(error: Exception) -> str | None:
     return f"{folder}: the compiled kernels kept there cannot be used ({error}); {remedy}"
 
 
-def _drop_output() -> None:
+def _drop_output(stream: TextIO) -> None:
     """Let nothing more be written to where nothing can be: Python would try once more as it ends, and complain."""
     with suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def _fail(message: str, code: int) -> int:

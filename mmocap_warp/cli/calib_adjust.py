@@ -53,14 +53,8 @@ def check(call: Any) -> Answer:
 
 def _finding_line(finding: Finding, result: CameraCheck) -> str:
     """A finding in words."""
-    if finding.mistake is not None:
-        return str(finding.mistake)
-    if finding.cause == "mirrored":
-        return f"{finding.camera}: its pictures are mirrored"
-    if finding.cause == "wrong file":
-        return f"{finding.camera} and {finding.other}: one has the other's masks, or its calibration"
-    if finding.size is not None:
-        return f"{finding.camera}: its pictures are {finding.size:.3g} times as large as those it was calibrated for"
+    if finding.words:
+        return finding.words
     changes = ", ".join(f"{what} {by:+.2f} {unit}" for what, by, unit in _changes(finding, result))
     others = "".join(f", or else its {other}" for other in finding.others)
     cause = f"probably its {finding.cause}, to be changed by {changes}{others}"
@@ -70,8 +64,10 @@ def _finding_line(finding: Finding, result: CameraCheck) -> str:
 def _finding_values(finding: Finding, result: CameraCheck) -> dict[str, Any]:
     """A finding for programs."""
     changes = {what: {"by": value, "unit": unit} for what, value, unit in _changes(finding, result)}
-    found = attributes(finding, "camera", "cause", "other") | {"by": changes, "or": finding.others}
-    return found | attributes(finding, size="size", explains="explained")
+    mistake = finding.mistake
+    other = mistake.cameras[1] if mistake and mistake.cameras and len(mistake.cameras) > 1 else None
+    found = attributes(finding, "camera", "cause") | {"other": other, "by": changes, "or": finding.others}
+    return found | {"size": mistake and mistake.size, "explains": finding.explained}
 
 
 def _changes(finding: Finding, result: CameraCheck) -> list[tuple[str, float, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Self, TextIO
 
 from rich.console import Console as RichConsole
@@ -25,7 +26,7 @@ SECONDS_BETWEEN_LINES = 10.0  # how often a line is written where stderr is no t
 NO_TIME = 1e-3  # a step reported so soon after the one before was not worked on now [s]
 
 
-class _Display:
+class _Display(ABC):
     """What is shown of something that runs, while a context is open.
 
     Args:
@@ -41,8 +42,9 @@ class _Display:
         self._stream = sys.stderr if stream is None else stream
         self._printed_at = time.monotonic()
 
+    @abstractmethod
     def _on_terminal(self, console: RichConsole) -> RichProgress | Live:
-        raise NotImplementedError
+        """What is shown on a terminal."""
 
     def __enter__(self) -> Self:
         if not self._quiet and self._stream.isatty():

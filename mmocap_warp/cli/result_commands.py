@@ -26,7 +26,7 @@ TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
 @command("track:track", output=Given(Path, REQUIRED), frames=SceneFrames, settings=TrackFlags | None)
-def track(call: Any, console: Console, loaded: Scene, output: Path) -> None:
+def track(call: Any, console: Console, loaded: Scene, output: Path) -> int:
     from mmocap_warp.commands.evaluate import evaluate_in_scene
 
     tracked = call()
@@ -40,6 +40,7 @@ def track(call: Any, console: Console, loaded: Scene, output: Path) -> None:
     console.result(values, f"{output}\n{summary(report)}\nnext: {step}")
     if warning:
         console.warn(warning)
+    return OK if report["verdict"]["holds"] else CHECK_FAILED
 
 
 @command(
@@ -95,14 +96,15 @@ def demo(call: Any, example: str) -> Answer:
 @command("evaluate:evaluate", frames=ResultFrames)
 def evaluate(call: Any) -> Answer:
     report = call()
-    return Answer(report, [summary(report)], OK if report.get("other_world") is None else CHECK_FAILED)
+    good = report["verdict"]["holds"] and report.get("other_world") is None
+    return Answer(report, [summary(report)], OK if good else CHECK_FAILED)
 
 
 @command("show:show", order="output scene", result=Path, frames=ResultFrames)
 def show(call: Any) -> Answer:
     drawn = call()
     files = {"sheet": drawn.sheet} if drawn.video is None else {"video": drawn.video, "sheet": drawn.sheet}
-    return Answer(files, files.values())
+    return Answer({**files, **drawn.report}, [*files.values(), *_judgement(drawn.report)])
 
 
 @command("show:view", order="output images rerun scene", truth=None, name=None)
@@ -164,6 +166,8 @@ def _measures_text(values: dict[str, Any]) -> str:
     ]
     parts.append(table([("bone", "length [mm]", "sigma [mm]"), *lengths]))
     parts += [f"left out, for lack of such joints: {', '.join(values['left_out'])}"] if values["left_out"] else []
+    if values["not_searched"]:
+        parts.append(f"left out, since the model does not search them: {', '.join(values['not_searched'])}")
     if "files" in values:
         parts.append("\n".join(values["files"]))
     return "\n\n".join(parts)
@@ -195,7 +199,7 @@ def _known(value: float, form: str) -> str:
 def summary(report: dict[str, Any]) -> str:
     """The headline numbers of :func:`mmocap_warp.result.evaluation.evaluate` for people."""
     statuses = [f"{report['lost']} lost", f"{report['partial']} with a view lost"]
-    statuses += [f"{report[name]} {name}" for name in ("rescued", "interpolated") if report[name]]
+    statuses += [f"{report[name]} {name}" for name in ("rescued", "interpolated", "repeated") if report[name]]
     rows: list[tuple[str, ...]] = [
         ("frames", f"{report['frames']} ({', '.join(statuses)})"),
         ("runs", str(report["runs"])),
@@ -224,7 +228,13 @@ def summary(report: dict[str, Any]) -> str:
         rows.append(("limb lost in", f"{len(report['limb_lost_frames'])} frames"))
     if report.get("wrongly_tracked"):
         rows.append(("wrongly tracked", f"{report['wrongly_tracked']} frames"))
-    return table(rows)
+    return "\n".join([table(rows), *_judgement(report)])
+
+
+def _judgement(report: dict[str, Any]) -> list[str]:
+    """Overlap by camera, and the verdict in words, where there is one."""
+    overlap = [f"{name} {_number(iou, '.3f')}" for name, iou in report.get("iou_by_camera", {}).items()]
+    return [f"IoU by camera: {', '.join(overlap)}", *report["verdict"]["lines"]] if "verdict" in report else []
 
 
 def beside(reports: dict[str, dict[str, Any]]) -> str:

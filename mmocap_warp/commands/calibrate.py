@@ -22,19 +22,20 @@ from mmocap_warp.calibration.refine.refinement import Refinement
 from mmocap_warp.calibration.solve import solution
 from mmocap_warp.calibration.solve.solution import SolvedCameras
 from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
-from mmocap_warp.cameras.rig import UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
+from mmocap_warp.cameras.rig import METRES, UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, body_from, look_first, scene_from
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
 from mmocap_warp.display.still_pictures import floor_picture
 from mmocap_warp.errors import UsageError
-from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER, METRES
+from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.table import calibration_export, read_calibration, write_calibration
 from mmocap_warp.scene.camera_tables import write_timing
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.whole_file import file_name
 
 _BEFORE, _AFTER = (60, 60, 230), (80, 200, 60)  # BGR of the body's outline as calibrated, and as put right
 _MASK_GRAY = 110  # of a mask below these outlines
@@ -104,7 +105,9 @@ def _draw_axes(scene: Scene, folder: Path) -> tuple[Path, ...]:
     if any(image is None for image in images) and all(source.masks is not None for source in scene.cameras):
         masks = next(scene.masks(count=1))
     for k, name in enumerate(rig.names):
-        write_png(folder / f"{name}.png", draw_world_axes(_image_or_mask(images[k], masks[k]), rig, k))
+        write_png(
+            folder / f"{file_name(name, scene.path)}.png", draw_world_axes(_image_or_mask(images[k], masks[k]), rig, k)
+        )
     return tuple(folder / f"{name}.png" for name in rig.names)
 
 
@@ -200,7 +203,7 @@ def _draw_views(check: CameraCheck, folder: Path) -> tuple[Path, ...]:
         for drawn, colour in ((view.before, _BEFORE), (view.after, _AFTER)):
             outline, _ = cv2.findContours(drawn.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
             cv2.drawContours(image, outline, -1, colour, 1, cv2.LINE_AA)
-        files.append(folder / f"{view.camera}.png")
+        files.append(folder / f"{file_name(view.camera, folder)}.png")
         write_png(files[-1], image)
     return tuple(files)
 
@@ -257,10 +260,17 @@ def refine_cameras(
     sized = None if height is not None or distance is not None else generic
     look_first(loaded, sized, reporter, trust_cameras, to_be_mended=True)
     start_warp(config.device)
+    return refine_scene(loaded, generic, config, file, reporter)
+
+
+def refine_scene(
+    scene: Scene, body: BodyModel, config: AdjustConfig, file: Path | None, reporter: Reporter
+) -> Refinement:
+    """Refine a scene's cameras, and write them to ``file``, if there is one, where they are better."""
     with reporter.stage("refine", None) as progress:
-        result = refinement.refine(loaded, generic, config, lambda stage, done: progress(round(100 * done), 100))
+        result = refinement.refine(scene, body, config, lambda stage, done: progress(round(100 * done), 100))
     if file is not None and result.better:
-        write_toml_rig(file, result.rig, offsets=result.offsets(loaded))
+        write_toml_rig(file, result.rig, offsets=result.offsets(scene))
     return result
 
 
@@ -333,7 +343,7 @@ def convert_cameras(
         calibration: cameras, or their file, known by its ending, or a folder where the format has one.
         output: NAME.toml (Pose2Sim, aniposelib), intri.yml (EasyMocap, OpenCV; with extri.yml), cameras.txt (COLMAP;
             with images.txt and points3D.txt) or NAME.usda, NAME.usdc, NAME.usd.
-        units: m or mm, of the lengths that are read, where the format leaves that open.
+        units: m, mm, cm, in or ft, of the lengths that are read, where the format leaves that open.
         up: the vertical of the calibration's world, such as +y; it is written to USD, the other formats do not have it.
         size: such as 1920x1080, of the images of cameras for which the calibration has none.
         force: replace files that exist.
@@ -343,7 +353,7 @@ def convert_cameras(
         InputError: a calibration that cannot be read, or files that cannot be written.
     """
     if units is not None and units not in METRES:
-        raise UsageError(f"--units must be {' or '.join(METRES)}, got '{units}'")
+        raise UsageError(f"--units must be one of {', '.join(METRES)}, got '{units}'")
     if up not in UP_AXES:
         raise UsageError(f"--up must be one of {', '.join(UP_AXES)}, got '{up}'")
     pixels = None if size is None else re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", size)

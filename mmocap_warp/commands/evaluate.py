@@ -19,6 +19,7 @@ from mmocap_warp.result import evaluation
 from mmocap_warp.result.other_world import axes_after
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.verdict import verdict
 from mmocap_warp.scene.recording import Scene
 
 
@@ -44,7 +45,8 @@ def evaluate(
         reporter: who is told of warnings.
 
     Returns:
-        What :func:`mmocap_warp.result.evaluation.evaluate` gives.
+        What :func:`mmocap_warp.result.evaluation.evaluate` gives and, as ``verdict``, how far it is to be
+        trusted, see :func:`mmocap_warp.result.verdict.verdict`.
 
     Raises:
         InputError: a file that cannot be read, or a truth of other frames or of a body with other joints.
@@ -52,14 +54,16 @@ def evaluate(
     """
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
-    named_by, file = "scene" if truth is None else "truth", None
+    named_by, file, recorded = "scene" if truth is None else "truth", None, None
     if truth is None and (recorded := scene_of(tracked, path, scene, reporter)) is not None:
         truth, file, truth_axes = truth_of(recorded), recorded.truth, recorded.truth_axes
     elif isinstance(truth, str | Path):
         file = Path(truth)
         truth = load_truth(file, truth_axes)
     start_warp()
-    report, fault = _judged(tracked.at(positions), truth, file, truth_axes, named_by)
+    tracked = tracked.at(positions)
+    report, fault = _judged(tracked, truth, file, truth_axes, named_by)
+    report["verdict"] = verdict(tracked, None if recorded is None else recorded.path)
     if fault is not None:
         (reporter or Reporter()).warn(f"check failed: {fault}")
     return report
@@ -73,7 +77,7 @@ def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str
     """
     report, fault = _judged(result, truth_of(scene), scene.truth, scene.truth_axes, "scene")
     del report["series"]
-    return report, fault
+    return report | {"verdict": verdict(result, scene.path)}, fault
 
 
 def _judged(

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import MAX_NAME, native_path
 
 FOLDER_LOCK = ".mmocap.lock"
 """The name of the lock file in a folder that is written to; that of a file is beside it, its name with ``.lock``."""
@@ -60,7 +61,7 @@ def new_file(path: str | Path, *suffixes: str, force: bool = False) -> Path:
     if path.suffix not in suffixes:
         ending = f"ends in '{path.suffix}'" if path.suffix else "has no ending"
         raise InputError(path, ending, f"end it in {' or '.join(suffixes)}")
-    _check_folder(path.parent)
+    _check_place(path)
     if path.is_dir():
         raise InputError(path, "is a folder", "name a file")
     if path.exists() and not force:
@@ -76,7 +77,7 @@ def new_folder(path: str | Path, *, force: bool = False) -> Path:
         InputError: no such parent, not writable, a file, a folder that holds something, or another process writes it.
     """
     path = Path(path)
-    _check_folder(path.parent)
+    _check_place(path)
     if path.exists() and not path.is_dir():
         raise InputError(path, "is a file", "name a folder")
     if path.is_dir() and any(file.name != FOLDER_LOCK for file in path.iterdir()) and not force:
@@ -86,7 +87,12 @@ def new_folder(path: str | Path, *, force: bool = False) -> Path:
     return path
 
 
-def _check_folder(folder: Path) -> None:
+def _check_place(path: Path) -> None:
+    """See that a file or folder can be written there, before any work: afterwards it would be in vain."""
+    folder = path.parent
+    if len(os.fsencode(native_path(path.name))) > MAX_NAME:  # unfinished and further files have longer names
+        raise InputError(path, f"has a name of over {MAX_NAME} bytes", "give a shorter name")
+    native_path(os.path.realpath(path))
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "make it first")
     if not os.access(folder, os.W_OK):

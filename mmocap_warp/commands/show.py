@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
@@ -19,9 +19,11 @@ from mmocap_warp.formats.exports.rigs import with_rig
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import holds_result
+from mmocap_warp.result.evaluation import iou_by_camera
 from mmocap_warp.result.excerpt import at_rate, before_smoothing, of_run, stood_up
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.verdict import verdict
 from mmocap_warp.scene.frame_choice import as_range
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
@@ -37,10 +39,12 @@ class Drawing:
     Attributes:
         video: all frames; None of a subject, which has one.
         sheet: some frames of all cameras, or the subject.
+        report: ``verdict`` and ``iou_by_camera`` as ``evaluate`` gives them; empty of a subject.
     """
 
     video: Path | None
     sheet: Path
+    report: dict[str, Any] = field(default_factory=dict)
 
 
 @releases_locks
@@ -80,8 +84,10 @@ def show(
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
     start_warp()
-    draw_result(tracked, scene_of(tracked, path, scene, reporter), video, sheet, reporter, positions)
-    return Drawing(video, sheet)
+    recorded, shown = scene_of(tracked, path, scene, reporter), tracked.at(positions)
+    draw_result(tracked, recorded, video, sheet, reporter, positions)
+    judged = verdict(shown, None if recorded is None else recorded.path)
+    return Drawing(video, sheet, {"iou_by_camera": iou_by_camera(shown), "verdict": judged})
 
 
 def _beside(result: object, output: str | Path | None, suffix: str) -> Path:

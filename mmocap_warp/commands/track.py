@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.calibration.adjust.camera_changes import AdjustConfig
 from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
 from mmocap_warp.commands.inputs import Frames, body_from, look_first, scene_from, scene_reference, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
 from mmocap_warp.fitting.fit_config import FitConfig
+from mmocap_warp.formats.table import read_calibration
+from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import read_subject, write_subject
 from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 from mmocap_warp.formats.usd.usd_result import read_result, write_result
@@ -26,7 +29,7 @@ from mmocap_warp.rigging.shipped import DEFAULT_BODY, body_file
 from mmocap_warp.rigging.start_poses import start_poses as named_start_poses
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking import frame_loop
-from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.track_config import REFINE, TrackConfig
 
 _UNDECIDED = {
     "turned": "fit: the masks do not tell which way the subject faces; it may be back to front",
@@ -215,7 +218,12 @@ def track(
     if isinstance(subject, str | Path):
         subject = read_subject(subject)
     generic = body_from(body, loaded) if subject is None else subject.body
-    trusted = look_first(loaded, generic, reporter, trust_cameras, start=subject)
+    refines = chosen.cameras == REFINE
+    trusted = look_first(loaded, generic, reporter, trust_cameras, start=subject, to_be_mended=refines)
+    if refines:
+        begun = resume and any(each is not None and each.exists() for each in (checkpoint, kept))
+        loaded, refined = _refined(loaded, subject, generic, chosen, file, resume, begun, reporter)
+        trusted |= refined
     if subject is None:
         subject = _fitted(loaded, generic, chosen, given, rigid, kept, trusted, reporter)
     start, notes = subject_carrying(subject, loaded.attached)
@@ -232,6 +240,44 @@ def track(
         write_result(file, tracked)
         checkpoint.unlink(missing_ok=True)
     return tracked
+
+
+def _refined(
+    scene: Scene,
+    subject: Subject | None,
+    body: BodyModel,
+    config: TrackConfig,
+    output: Path | None,
+    resume: bool,
+    begun: bool,
+    reporter: Reporter,
+) -> tuple[Scene, dict[str, str]]:
+    """The scene with cameras and times that are refined where that is significantly better, and what a result says.
+
+    The calibration is kept beside the result. A run that is resumed reads it; one that had ``begun`` without keeps the
+    scene's.
+    """
+    from mmocap_warp.commands.calibrate import refine_scene
+
+    kept = None if output is None else output.with_name(f"{output.stem}.calibration.toml")
+    rig, offsets = scene.calibrated, dict[str, float]()
+    if kept is not None and not resume:
+        kept.unlink(missing_ok=True)
+    if not begun and not (kept is not None and kept.exists()):
+        adjust = AdjustConfig(seed=config.seed, device=config.device, threads=config.threads, subject=subject)
+        found = refine_scene(scene, body, adjust, kept, reporter)
+        if found.better:
+            rig, offsets = found.rig, found.offsets(scene)
+    # What was written is read back, so that a resumed run has the same cameras to the last bit.
+    if kept is not None and kept.exists():
+        rig = read_calibration(kept, None, scene.calibrated.up, None).select(scene.calibrated.names)
+        offsets = load_toml(kept).take_table("metadata").take("offsets", dict)
+    if not offsets:
+        reporter.note("cameras: as given, no change explains the masks significantly better")
+        return scene, {}
+    told = "in memory" if kept is None else kept.name
+    reporter.note(f"cameras: refined, {told}")
+    return scene.with_cameras(rig, offsets), {"refined_cameras": told}
 
 
 def _starts_from(

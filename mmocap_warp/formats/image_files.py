@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.whole_file import whole_file, write_whole
+from mmocap_warp.whole_file import native_path, whole_file, write_whole
 
 _MASK_SETTINGS = (cv2.IMWRITE_PNG_BILEVEL, 1, cv2.IMWRITE_PNG_COMPRESSION, 9)
 
@@ -83,7 +83,11 @@ class WebmFile:
                 self._size = (frame.shape[1] & ~1, frame.shape[0] & ~1)  # OpenCV leaves out an odd row or column
                 rate = round(self._fps * _MAX_BITS / _BITS_PER_SECOND)
                 self._writer = cv2.VideoWriter(
-                    str(self._encoded), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), rate, frame.shape[1::-1]
+                    native_path(self._encoded),
+                    cv2.CAP_FFMPEG,
+                    cv2.VideoWriter.fourcc(*"VP80"),
+                    rate,
+                    frame.shape[1::-1],
                 )
             if not self._writer.isOpened():
                 raise InputError(self._path, "cannot be written", "check its folder's permissions and free space")

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import native_path
 
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-7  # of processor time that a file may take
 _BYTES, _BYTES_PER_BYTE = 2**30, 16  # of memory that a file may take
@@ -52,7 +53,7 @@ def sandboxed(reader: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(reader)
     def read_twice(*args: P.args, **kwargs: P.kwargs) -> T:
-        path = os.path.abspath(str(args[0]))
+        path = os.path.abspath(native_path(str(args[0])))
         stamp = _stamp(path)
         if stamp is not None and stamp not in (_sound.get((path, name)), _sound.get((path, ""))):
             _worker.read(name, str(args[0]), stamp[1])

@@ -126,7 +126,7 @@ def read_calibration(
 
     Args:
         path: the file, or a folder where the format has one.
-        units: unit of its lengths, "m" or "mm", where the format leaves it open; None where it is not known.
+        units: unit of its lengths, of ``METRES``, where the format leaves it open; None where it is not known.
         up: the world's up axis, where the format does not say it.
         sizes: width and height [px] of cameras' images, for a format that may leave them out; under
             :data:`~mmocap_warp.formats.calibration.calibration_text.EVERY_OTHER` those of all other cameras.

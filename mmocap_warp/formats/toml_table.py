@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     Config = TypeVar("Config", bound=DataclassInstance)
 
+_MAX_BYTES = 1 << 22  # of a file; the project's own have some kilobytes
 _MAX_LEVELS = 32  # of tables and lists; the project's own files have four
 
 _KINDS = {str: "a string", bool: "true or false", int: "a whole number", float: "a number"}
@@ -29,7 +30,7 @@ _KINDS |= {list: "a list", dict: "a table"}
 
 def load_toml(path: str | Path) -> Table:
     """The whole file as a :class:`Table`."""
-    text = read_text(path, "give a TOML text file")
+    text = read_text(path, "give a TOML text file", most=_MAX_BYTES)
     too_deep = InputError(path, f"is nested over {_MAX_LEVELS} levels deep", "flatten its tables and lists")
     try:
         values = tomllib.loads(text)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import native_path, read_bytes
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pbm", ".pgm")
 
@@ -130,7 +131,7 @@ def open_video(path: Path) -> VideoFile:
     """A video file."""
     if not os.path.isfile(path):
         raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
-    capture = cv2.VideoCapture(str(path))
+    capture = cv2.VideoCapture(native_path(path))
     try:
         if not capture.isOpened() or not _next_frame(capture, False)[0]:
             raise InputError(path, "cannot be decoded as a video", "convert it to .mp4 (H.264) or .mkv (FFV1)")
@@ -158,21 +159,12 @@ def _next_frame(capture: cv2.VideoCapture, decoded: bool) -> tuple[bool, np.ndar
 
 def read_image(path: Path) -> np.ndarray:
     """An image file, unchanged."""
-    return decode_image(read_bytes(path), path)
+    return decode_image(read_file(path), path)
 
 
-def read_bytes(path: Path) -> bytes:
-    """A file's content.
-
-    Raises:
-        InputError: there is no such file, or it cannot be read.
-    """
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "check the path; it is relative to the scene file") from None
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error})", "check its permissions") from None
+def read_file(path: Path) -> bytes:
+    """A file's content."""
+    return read_bytes(path, "check its permissions", missing="check the path; it is relative to the scene file")
 
 
 def decode_image(data: bytes, source: object) -> np.ndarray:
@@ -203,7 +195,9 @@ def images_in_order(names: list[str], source: Path) -> list[str]:
     Raises:
         InputError: no image is among them, or numbered ones leave one out.
     """
-    images = sorted((name for name in names if Path(name).suffix.lower() in _IMAGE_SUFFIXES), key=natural_order)
+    # macOS puts a hidden file of the same ending beside each.
+    of_images = [name for name in names if Path(name).suffix.lower() in _IMAGE_SUFFIXES]
+    images = sorted((name for name in of_images if not Path(name).name.startswith(".")), key=natural_order)
     if not images:
         raise InputError(source, "holds no images", f"put one image per frame there ({', '.join(_IMAGE_SUFFIXES)})")
     stems = [Path(name).stem for name in images]

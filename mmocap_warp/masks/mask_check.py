@@ -12,7 +12,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.masks.frames import evenly_spread
-from mmocap_warp.masks.visual_hull import hull_thickness, meeting_point
+from mmocap_warp.masks.visual_hull import explained_share, meeting_point
 
 _COMPARED_FRAMES = 12  # number of frames whose views are compared
 _SPACING = 0.04  # between voxels [m]
@@ -134,7 +134,7 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
         hull = _hull_of(hit, possible, others)
         if hull.any():
             covered[k] = possible[k, hull].mean()  # what lies outside of its image, a view cannot lack
-        explained[k] = _explained_share(rig, masks, k, others, subject)
+        explained[k] = _explained_of(rig, masks, k, others, subject)
     return explained, covered, float(_hull_of(hit, possible, seen).sum() * _SPACING**3)
 
 
@@ -159,13 +159,12 @@ def _hull_of(hit: np.ndarray, possible: np.ndarray, views: list[int]) -> np.ndar
     return possible[views].all(axis=0) & enough
 
 
-def _explained_share(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> float:
-    """Share of camera ``k``'s mask behind which the other views have something."""
+def _explained_of(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> float:
+    """The explained share of camera ``k``'s mask, by some of its pixels."""
     row, column = np.nonzero(masks[k])
     some = slice(None, None, max(1, len(row) // _COMPARED_PIXELS))
     depth = float((rig.R[k] @ subject + rig.t[k])[2])
-    thick = hull_thickness(rig, masks, k, others, np.stack([column[some], row[some]], axis=1), depth)
-    return float((thick > 0).mean())
+    return explained_share(rig, masks, k, others, np.stack([column[some], row[some]], axis=1), depth)
 
 
 def _median(values: np.ndarray) -> float:

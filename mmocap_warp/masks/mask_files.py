@@ -20,10 +20,11 @@ from mmocap_warp.masks.frames import (
     evenly_spread,
     images_in_order,
     open_frames,
-    read_bytes,
+    read_file,
 )
 from mmocap_warp.masks.mask_image import Labels, palette_labels
 from mmocap_warp.masks.rle_masks import RleMasks, open_rle
+from mmocap_warp.whole_file import MAX_BYTES
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def open_masks(path: Path) -> Masks:
 
 
 def _read(path: Path, member: Path | TarMember) -> np.ndarray | Labels:
-    data = read_member(path, member) if isinstance(member, TarMember) else read_bytes(member)
+    data = read_member(path, member) if isinstance(member, TarMember) else read_file(member)
     labels = palette_labels(data)
     return decode_image(data, _name(path, member)) if labels is None else labels
 
@@ -92,7 +93,6 @@ def _name(path: Path, member: Path | TarMember) -> Path:
     return member if isinstance(member, Path) else path / member.name
 
 
-_MAX_BYTES = 1 << 28  # of an image: far above any mask, far below the memory
 _MAX_PATH = 4096  # characters, as in file systems
 
 
@@ -121,7 +121,7 @@ def list_tar(path: Path) -> list[TarMember]:
                     raise InputError(path, f"holds a path of {len(member.name)} characters", "shorten its files' names")
                 if member.size >= 0 and (member.isdir() or name.name.startswith(".")):
                     continue
-                if not member.isreg() or member.issparse() or not 0 <= member.size <= _MAX_BYTES:
+                if not member.isreg() or member.issparse() or not 0 <= member.size <= MAX_BYTES:
                     raise InputError(path, f"'{member.name}' is no plain image file", "put image files there alone")
                 members.append(TarMember(member.name, member.offset_data, member.size))
     except InputError:

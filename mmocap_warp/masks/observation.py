@@ -61,6 +61,10 @@ class Observation:
         """Pack one (height, width) boolean mask per camera."""
         return cls(pack_masks(masks), np.array([int(mask.sum()) for mask in masks], np.int64), late)
 
+    def without(self, views: np.ndarray) -> Observation:
+        """The same with nobody in some views (camera,) bool."""
+        return replace(self, words=self.words * ~views[:, None, None], foreground=self.foreground * ~views)
+
 
 def make_views(rig: CameraRig, device: str) -> Any:
     """A rig and one frame's masks, empty at first, on a device, in the struct that kernels take.

@@ -13,6 +13,7 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks.frames import evenly_spread, natural_order
 from mmocap_warp.masks.mask_image import Labels
+from mmocap_warp.whole_file import read_text
 
 _MAX_PIXELS = 1 << 28
 _REMEDY = "write it with pycocotools, segmentation = {size = [height, width], counts = ...}"
@@ -71,11 +72,10 @@ def open_rle(path: Path) -> RleMasks:
     is the annotation's ``id``), or a list with a frame each: run lengths, a list of them (identities 1, 2, ... in
     order), or null.
     """
+    text = read_text(path, _REMEDY, missing="check the path; it is relative to the scene file")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "check the path; it is relative to the scene file") from None
-    except (OSError, ValueError, RecursionError) as error:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
         raise InputError(path, f"cannot be read as JSON ({str(error)[:80]})", _REMEDY) from None
     try:
         frames = _read_frames(content)

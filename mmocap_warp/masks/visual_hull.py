@@ -1,4 +1,14 @@
-"""The visual hull, the space that all silhouettes agree on (Laurentini 1994), and repair of masks by it."""
+"""The visual hull, the space that all silhouettes agree on (Laurentini 1994), and repair of masks by it.
+
+How well a view agrees with the hull of the others is measured in two ways, by :func:`explained_share` of its mask, or
+by voxels that are drawn into its image (``silhouette_agreement.coherence``):
+
+- ``mask_check`` judges masks at their own size, about the point where they meet, and asks for two other views.
+- ``gross_mistake`` judges calibrations of any unit and subject: masks are small and grown by a pixel, the world is
+  scaled to a person's size, and one other view is enough.
+- ``coherence`` judges small errors of cameras. Beyond an image it sees background, so that a camera that looks away
+  loses; the other two leave such a point to the views that could see it.
+"""
 
 from __future__ import annotations
 
@@ -179,6 +189,19 @@ def fill_enclosed(mask: np.ndarray) -> np.ndarray:
     padded = np.pad(mask.astype(np.uint8), 1)
     cv2.floodFill(padded, None, (0, 0), 2)
     return padded[1:-1, 1:-1] != 2
+
+
+def explained_share(
+    rig: CameraRig,
+    masks: list[np.ndarray],
+    k: int,
+    others: list[int],
+    pixels: np.ndarray,
+    depth: float,
+    least: int = 2,
+) -> float:
+    """Share of camera ``k``'s pixels behind which the other views have something; see :func:`hull_thickness`."""
+    return float((hull_thickness(rig, masks, k, others, pixels, depth, least) > 0).mean())
 
 
 def hull_thickness(

@@ -28,14 +28,15 @@ from mmocap_warp.result.truth import Truth, at_rate
 _METRES_TO_MM = 1000.0
 _Report = dict[str, Any]  # numbers by name
 _Series = dict[str, np.ndarray]  # a number for each frame, or each run, by name
-_COUNTED = ("lost", "partial", "rescued", "interpolated")
+_COUNTED = ("lost", "partial", "rescued", "interpolated", "repeated")
 
 
 def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     """Evaluate a result; numbers over several runs are means of the runs' numbers, except the worst and the medians.
 
-    Without truth: ``frames``, ``runs``, the frames in which some run is ``lost``, ``partial``, ``rescued`` or
-    ``interpolated``, ``evaluations`` (all runs), ``evaluations_per_second``, ``mean_cost``, ``mean_iou``, ``worst_iou``
+    Without truth: ``frames``, ``runs``, the frames in which some run is ``lost``, ``partial``, ``rescued``,
+    ``interpolated`` or ``repeated``, ``evaluations`` (all runs), ``evaluations_per_second``, ``mean_cost``,
+    ``mean_iou``, ``worst_iou``
     (the lowest mean over views of a frame, over runs) and its ``worst_iou_frame``, ``iou_by_camera``, ``shake_mm``
     (median second difference of the joints over consecutive frames, as at 60 Hz), ``per_run`` and ``series`` (per run
     and frame). Where the result has standard deviations, their medians over frames and runs: ``sigma_mm_by_joint`` (the
@@ -108,8 +109,14 @@ def _overlap(result: Result, iou: np.ndarray) -> _Report:
         "mean_iou": _mean(nanmean(iou, axis=1)),
         "worst_iou": worst.min(),
         "worst_iou_frame": int(result.frame_numbers[worst.argmin()]) if np.isfinite(worst).any() else None,
-        "iou_by_camera": dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)), strict=True)),
+        "iou_by_camera": iou_by_camera(result),
     }
+
+
+def iou_by_camera(result: Result) -> dict[str, float | None]:
+    """Mean overlap of each camera over all frames and runs; None where it sees nobody."""
+    means: dict = _jsonable(dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)), strict=True)))
+    return means
 
 
 def _sigmas(result: Result) -> _Report:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -27,14 +28,15 @@ def of_run(result: Result, run: int) -> Result:
 
 
 def before_smoothing(result: Result) -> Result:
-    """The track before it was smoothed, without standard deviations: those are of the smoothed track.
+    """The track before it was smoothed, without what is known of the smoothed track alone.
 
     Raises:
         ValueError: it was not smoothed.
     """
     if result.raw_pose is None:
         raise ValueError("the track was not smoothed, so it has no other")
-    return replace(result, pose=result.raw_pose, raw_pose=None, angle_sigma=None, joint_sigma=None)
+    unknown: dict[str, Any] = dict.fromkeys(("raw_pose", "angle_sigma", "joint_sigma", "view_shift"))
+    return replace(result, pose=result.raw_pose, **unknown)
 
 
 def at_rate(result: Result, fps: float) -> Result:
@@ -57,6 +59,7 @@ def at_rate(result: Result, fps: float) -> Result:
     # Where they lie among the result's frames: poses are interpolated, the rest is the nearest frame's.
     place = np.interp(numbers / fps, known, np.arange(len(known)))
     nearest = np.round(place).astype(int)
+    kept = ("cost", "iou", "evaluations", "status", "view_shift")
     is_length = result.subject.body.skeleton.is_length
 
     def resampled(pose: np.ndarray) -> np.ndarray:
@@ -70,7 +73,7 @@ def at_rate(result: Result, fps: float) -> Result:
         raw_pose=None if result.raw_pose is None else resampled(result.raw_pose),
         angle_sigma=None,
         joint_sigma=None,
-        **{name: getattr(result, name)[:, nearest] for name in ("cost", "iou", "evaluations", "status")},
+        **{name: array[:, nearest] for name, array in result.arrays.items() if name in kept},
     )
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
 
-STATUS: tuple[str, ...] = ("tracked", "partial", "lost", "rescued", "interpolated")
+STATUS: tuple[str, ...] = ("tracked", "partial", "lost", "rescued", "interpolated", "repeated")
 """How a frame's pose was found.
 
 Tracked: in the ordinary way, with all views. Partial: likewise, but a view was left out (its mask is empty).
 Lost: not at all, the pose is carried over. Rescued: by a larger search or a new start. Interpolated: filled in
-afterwards from the frames around it.
+afterwards from the frames around it. Repeated: likewise, because its images are those of the frame before.
 """
 
 
@@ -63,6 +63,8 @@ class Result:
             the tracker does not give it.
         joint_sigma: (run, frame, joint, 3) float64, standard deviation of each joint's place along the world's axes
             [m]; likewise.
+        view_shift: (run, frame, camera) float64, by how far a view's masks lie beside the body as a whole [m], NaN
+            where nothing of it is seen; None where that was not looked at.
         left_out_before: how many frames of the track were before the first, where this is a part of it.
 
     Raises:
@@ -84,6 +86,7 @@ class Result:
     raw_pose: np.ndarray | None = None
     angle_sigma: np.ndarray | None = None
     joint_sigma: np.ndarray | None = None
+    view_shift: np.ndarray | None = None
     left_out_before: int = 0
 
     def __repr__(self) -> str:
@@ -106,8 +109,9 @@ class Result:
         poses = runs, frames, skeleton.coordinates
         if not runs or not frames or (np.diff(self.frame_numbers) <= 0).any():
             raise ValueError("a result needs a run, a frame, and frame_numbers that ascend")
-        shapes = {"iou": (runs, frames, cameras), "joint_sigma": (runs, frames, len(skeleton.joints), 3)}
+        shapes: dict[str, tuple[int, ...]] = {"joint_sigma": (runs, frames, len(skeleton.joints), 3)}
         shapes |= dict.fromkeys(("pose", "raw_pose", "angle_sigma"), poses)
+        shapes |= dict.fromkeys(("iou", "view_shift"), (runs, frames, cameras))
         for name, array in self.arrays.items():
             shape = shapes.get(name, (runs, frames))
             if array.shape != shape:
@@ -116,7 +120,8 @@ class Result:
     @property
     def arrays(self) -> dict[str, Any]:
         """The arrays (run, frame, ...) that there are, by name."""
-        names = ("pose", "cost", "iou", "evaluations", "status", "raw_pose", "angle_sigma", "joint_sigma")
+        required = ("pose", "cost", "iou", "evaluations", "status")
+        names = (*required, "raw_pose", "angle_sigma", "joint_sigma", "view_shift")
         return {name: array for name in names if (array := getattr(self, name)) is not None}
 
     @property

@@ -19,13 +19,12 @@ from mmocap_warp.formats.toml_table import Table, is_number
 from mmocap_warp.masks.frames import VideoFile, open_frames, open_image
 from mmocap_warp.masks.mask_files import open_masks
 from mmocap_warp.scene.kept_masks import read_mark
-from mmocap_warp.scene.recording import CameraSource
-from mmocap_warp.whole_file import write_whole
+from mmocap_warp.scene.recording import CameraSource, split_offset
+from mmocap_warp.whole_file import file_name, read_text, write_whole
 
 RATE_TOLERANCE = 0.005
 """Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
 
-_WHOLE_TOLERANCE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
 _MAX_OFFSET = 1e8  # frames
 _HEADER = re.compile(r"\s*\[(?!\[)(?P<name>.*)\]\s*(#.*)?$")
 _OFFSET = re.compile(r"\s*(frame_offset|offset)\s*=")
@@ -66,6 +65,8 @@ def read_cameras(
     table.finish()
     if not tables:
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
+    for name in tables:
+        file_name(name, f"{scene}: [cameras]")
     # Each camera's images; the rates of videos must agree where the scene does not state them.
     stated = {name for name, camera in tables.items() if camera.has("fps")}
     sources = tuple(_read_source(camera, name, scene, fps) for name, camera in tables.items())
@@ -157,9 +158,7 @@ def _take_offset(table: Table, fps: float) -> tuple[int, float]:
     frames = table.take("offset", float) * fps
     if abs(frames) > _MAX_OFFSET:
         raise table.error(f"offset is {frames:.3g} frames", "give the seconds by which this camera lags")
-    whole = round(frames)
-    fraction = frames - whole
-    return whole, fraction if abs(fraction) > _WHOLE_TOLERANCE else 0.0
+    return split_offset(frames)
 
 
 def _check_rate(source: CameraSource, fps: float, table: Table) -> None:
@@ -207,7 +206,7 @@ def write_timing(path: Path, timing: Mapping[str, Mapping[str, float]]) -> None:
     Raises:
         InputError: the file is written in a way in which they cannot be set, such as cameras in inline tables.
     """
-    text = path.read_text(encoding="utf-8")
+    text = read_text(path, "give a TOML text file")
     lines: list[str] = []
     camera = ""
     for line in text.splitlines(keepends=True):

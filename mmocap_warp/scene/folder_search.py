@@ -55,7 +55,7 @@ def find_media(folder: Path) -> list[Medium]:
     """All videos and folders of images below a folder, and pictures of a background, in the order of their names."""
     media: list[Medium] = []
     for place, folders, files in os.walk(folder):
-        here = Path(place)
+        here, files = Path(place), [name for name in files if not name.startswith(".")]
         below = here.relative_to(folder).parts
         folders[:] = sorted(name for name in folders if len(below) < _MAX_DEPTH and not _IGNORED.fullmatch(name))
         images = sorted(name for name in files if name.lower().endswith(_IMAGES))
@@ -196,7 +196,7 @@ def find_calibration(folder: Path) -> CalibrationFile | None:
 
 
 def read_with_unit(file: CalibrationFile, sizes: dict[str, tuple[int, int]]) -> tuple[CameraRig, str]:
-    """The cameras, and the unit of their lengths: metres, or millimetres where metres cannot be.
+    """The cameras, and the unit of their lengths: metres, or the likeliest where metres cannot be.
 
     Raises:
         InputError: a file that is no sound calibration in either.
@@ -204,9 +204,10 @@ def read_with_unit(file: CalibrationFile, sizes: dict[str, tuple[int, int]]) -> 
     try:
         return read_calibration(file.path, "m", "+z", sizes), "m"
     except InputError as error:
-        if "millimetres" not in error.remedy:
+        likely = re.search(r'units = "(\w+)"', error.remedy)
+        if likely is None:
             raise
-        return read_calibration(file.path, "mm", "+z", sizes), "mm"
+        return read_calibration(file.path, likely[1], "+z", sizes), likely[1]
 
 
 def _candidates(place: Path) -> Iterator[Path]:

@@ -15,7 +15,7 @@ from mmocap_warp.formats.image_files import WebmFile, write_png
 from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
 from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
-from mmocap_warp.whole_file import write_whole
+from mmocap_warp.whole_file import file_name, write_whole
 
 _TINT = np.array([0, 150, 255], np.uint8)  # BGR
 _VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
@@ -49,21 +49,22 @@ def write_masks(
     """
     folder = Path(folder)
     rig = scene.rig(scale)
+    folders = [folder / file_name(name, scene.path) for name in rig.names]
     try:
-        for name in rig.names:
-            (folder / name).mkdir(parents=True, exist_ok=True)
+        for each in folders:
+            each.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
     write_toml_rig(folder / "pinholes.toml", rig)
-    for k, name in enumerate(rig.names):  # before any mask, so that none is ever without
-        _mask_mark(scene, k, scale).write(folder / name)
+    for k, each in enumerate(folders):  # before any mask, so that none is ever without
+        _mask_mark(scene, k, scale).write(each)
     with WebmFile(folder / "overlay.webm", scene.rate) as video:
         frames = zip(scene.masks(scale), scene.images(scale), strict=True)
         for f, (masks, images) in enumerate(frames):
             if refine is not None:
                 masks = refine(masks, images)
-            for name, mask in zip(rig.names, masks, strict=True):
-                write_png(folder / name / f"{f:06d}.png", mask)
+            for each, mask in zip(folders, masks, strict=True):
+                write_png(each / f"{f:06d}.png", mask)
             video.write(draw_masks(masks, images))
             if look is not None:
                 look(masks)

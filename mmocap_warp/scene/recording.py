@@ -33,7 +33,16 @@ from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash, store_masks
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import content_hash
 
+_WHOLE_TOLERANCE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
+
 BodyMasks = Callable[[], list[np.ndarray]]  # says where the body was last: per camera (height, width) bool
+
+
+def split_offset(frames: float) -> tuple[int, float]:
+    """An offset in whole frames, and the rest; what is nearly whole is whole."""
+    whole = round(frames)
+    fraction = frames - whole
+    return whole, fraction if abs(fraction) > _WHOLE_TOLERANCE else 0.0
 
 
 @dataclass(frozen=True)
@@ -187,6 +196,14 @@ class Scene:
         """The same recording, other frames of it."""
         count, named = len(frames), self._named_frames
         return replace(self, first_frame=frames.start, frame_count=count, stride=frames.step, named_frames=named)
+
+    def with_cameras(self, rig: CameraRig, offsets: dict[str, float]) -> Scene:
+        """The same recording by other cameras of the same names and sizes, which lag by ``offsets`` [s]."""
+        cameras = []
+        for source in self.cameras:
+            frames, fraction = split_offset(offsets[source.name] * self.fps * source.rate)
+            cameras.append(replace(source, frame_offset=frames, fraction=fraction))
+        return replace(self, calibrated=rig, cameras=tuple(cameras))
 
     @property
     def _named_frames(self) -> range:

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.cameras.rig import UP_AXES, CameraRig
+from mmocap_warp.cameras.rig import METRES, UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import take_attachments
-from mmocap_warp.formats.calibration.calibration_text import METRES
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.masks.frames import Frames
 from mmocap_warp.masks.mask_files import Masks
@@ -74,7 +73,7 @@ def load_scene(
     stated_fps = about.take("fps", float, None)
     if stated_fps is not None and not 0 < stated_fps < 100_000:
         raise about.error(f"fps = {stated_fps:g} is not a frame rate", "give the frames per second of the recording")
-    up = about.take_choice("up", UP_AXES, "+z")
+    states_up, up = about.has("up"), about.take_choice("up", UP_AXES, "+z")
     named_frames = _take_frames(about)
     body = about.take("body", str, None)
     body_is_file = body is not None and Path(body).suffix in (".usd", ".usda", ".usdc")
@@ -92,6 +91,8 @@ def load_scene(
     fps = fastest(tables, path, about) if stated_fps is None else stated_fps
     sources, rig = read_cameras(cameras, tables, path, calibration, units, up, fps, calibrated)
     # What the tables name must fit together.
+    if states_up and rig.up != up:
+        raise about.error(f'up = "{up}", but {named_calibration} says {rig.up}', "leave up out, or correct one of them")
     if not masks:  # frames are counted by what every camera has
         have_masks = all(source.masks is not None for source in sources)
         foreground = replace(foreground, source="masks" if have_masks else "recording")
@@ -199,7 +200,13 @@ def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, 
     stated = "{} is {}x{}".format(frames.path, *frames.size)
     if source.recorded_scale == 1 and source.recorded_offset == (0.0, 0.0):
         if (recorded != size).any():
-            remedy = "calibrate this size, or set video_from_calibrated = { scale = ..., offset = [...] }"
+            by, offset = "...", "..."
+            if len(scales := {round(scale, 2) for scale in recorded / size}) == 1:
+                (by,) = scales  # a pixel's centre keeps its place in the image
+                offset = f"{0.5 * by - 0.5:g}, {0.5 * by - 0.5:g}"
+            remedy = f"calibrate this size, or set video_from_calibrated = {{ scale = {by}, offset = [{offset}] }}"
+            if (recorded == size[::-1]).all():
+                remedy = "they seem to be turned by 90 degrees: turn them back, or calibrate the camera as it is turned"
             raise InputError(where, f"{stated}, but the calibration says {size[0]}x{size[1]}", remedy)
         return
     low = np.array(source.recorded_offset)

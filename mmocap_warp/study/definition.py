@@ -12,6 +12,7 @@ from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.source import Clip
 from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.whole_file import file_name
 
 _PERSON_DOFS = (39, 28, 51)  # degrees of freedom that a person can have
 _EXTRAS = ("polish", "solved")  # of an algorithm, each after a plus
@@ -63,6 +64,8 @@ def load_study(path: str | Path) -> Study:
     scenes = {name: path.parent / _text(table, name, value) for name, value in table.take_rest().items()}
     grids = file.take("grid", list, [])
     file.finish()
+    for part in (part for name in scenes for part in name.split("/")):
+        file_name(part, f"{path}: [sequences]")
     if not grids or not all(isinstance(grid, dict) for grid in grids):
         raise file.error("there is no grid", "add a table [[grid]] with sequences, algorithms, dof and evaluations")
     plans: dict[Cell, Plan] = {}

@@ -266,16 +266,18 @@ class _Run:
             self._bury(self._workers.pop(number, _Worker("worker")), event)
         elif isinstance(event, Advance):
             self._workers[number].advance = event
-        else:
-            worker = self._workers[number]
-            task, worker.task, worker.advance = worker.task, None, None
-            assert task is not None
-            if isinstance(event, Refusal):
-                self._fail(task, event.problem)
-                return
-            self._spent += int(event.per_run["evaluations"].sum())
-            self._pace[task.cell.algorithm] = task.work / max(time.monotonic() - worker.begun, 1e-3)
-            self._waiting[task.path] = self._keep(event)
+        elif (task := self._workers[number].task) is not None:
+            self._end(task, self._workers[number], event)
+
+    def _end(self, task: Task, worker: _Worker, event: Refusal | CellResult) -> None:
+        """A worker's task has ended, by a refusal or a result."""
+        worker.task, worker.advance = None, None
+        if isinstance(event, Refusal):
+            self._fail(task, event.problem)
+            return
+        self._spent += int(event.per_run["evaluations"].sum())
+        self._pace[task.cell.algorithm] = task.work / max(time.monotonic() - worker.begun, 1e-3)
+        self._waiting[task.path] = self._keep(event)
 
     def _bury(self, worker: _Worker, death: Death) -> None:
         """A worker has died; its cell is tried again."""

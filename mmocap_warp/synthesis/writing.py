@@ -16,7 +16,7 @@ from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.whole_file import write_whole
+from mmocap_warp.whole_file import file_name, write_whole
 
 _SCENE = """\
 # {about}
@@ -123,7 +123,7 @@ def write_made_scene(
 
 
 def _write_masks(folder: Path, footage: Footage, progress: Progress | None) -> None:
-    folders = [folder / "masks" / name for name in footage.rig.names]
+    folders = [folder / "masks" / file_name(name, folder) for name in footage.rig.names]
     try:
         for each in folders:
             each.mkdir(parents=True, exist_ok=True)

@@ -56,7 +56,8 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
         "rotation_radius": rotation,
         "translation_radius": translation,
     }
-    del settings["threads"], settings["renderer"]  # any of them give the same bits
+    # Any of these give the same bits; cameras count as they are tracked with.
+    del settings["threads"], settings["renderer"], settings["cameras"]
     placed = [(camera.recorded_scale, camera.recorded_offset, camera.mask_mark) for camera in scene.cameras]
     return {
         "version": __version__,

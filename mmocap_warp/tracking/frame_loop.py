@@ -20,11 +20,13 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.masks.observation import KeptObservations, Observation
-from mmocap_warp.result.result import FrameAnswer, Result
+from mmocap_warp.masks.repeats import repeated_views
+from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
 from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -157,19 +159,44 @@ def track(
         follows = scene.foreground.keep == "nearest"
         body = body_masks(subject, rig, lambda: tracker.state.pose) if follows else None
         observations = scene.observations(config.scale, first=len(answers), body=body)
-        keep = kept.add if config.acceleration else None
         with saved or nullcontext():
             answers += track_frames(
-                tracker, observations, first=len(answers), keep=keep, saved=saved, progress=progress
+                tracker, observations, first=len(answers), keep=kept.add, saved=saved, progress=progress
             )
         result = collect(subject, rig, scene.fps, config, answers, scene.frames)
-        if not config.acceleration:
-            return result
 
-        # Smooth the track. Frames of before a resumption, or what a full disk had no room for, are read again.
-        all_kept = len(kept) == len(answers)
-        masks = kept if all_kept else scene.observed(tracked_masks(scene, result))
-        return smoothed(result, config, masks, smooth_progress)
+        # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
+        # no room for, are read again.
+        def masks() -> Iterable[Observation]:
+            return kept if len(kept) == len(answers) else scene.observed(tracked_masks(scene, result))
+
+        return _finished(result, config, masks, smooth_progress)
+
+
+def _finished(
+    result: Result, config: TrackConfig, masks: Callable[[], Iterable[Observation]], progress: SmoothReport | None
+) -> Result:
+    """The track, smoothed where that is wanted, and what the masks, read anew each time, say about it.
+
+    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen.
+    """
+    repeated = repeated_views(masks())
+    at_once = np.logical_and.reduce(repeated, axis=1)
+    frozen = repeated & ~at_once[:, None]
+    status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
+    numbers = {
+        name: result.frame_numbers[frozen[:, k]].tolist()
+        for k, name in enumerate(result.cameras.names)
+        if frozen[:, k].any()
+    }
+    result = replace(result, status=status, config=result.config | ({"frozen_views": numbers} if numbers else {}))
+
+    def shown() -> Iterable[Observation]:
+        return (seen.without(views) for seen, views in zip(masks(), frozen, strict=True)) if numbers else masks()
+
+    if config.acceleration:
+        result = smoothed(result, config, shown(), progress)
+    return with_evidence(result, config, shown())
 
 
 def _check_start(scene: Scene, subject: Subject) -> None:

@@ -42,7 +42,7 @@ from mmocap_warp.tracking.tracker import overlap
 SmoothReport = Callable[[int], None]
 """Called with the number of frames that are final."""
 
-_LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
+_LOST, _INTERPOLATED, _REPEATED = (STATUS.index(name) for name in ("lost", "interpolated", "repeated"))
 CANDIDATES = 32
 """Poses that are linearised at a time."""
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
@@ -59,7 +59,7 @@ def smoothed(
     """The clip's poses as one problem, with their standard deviations.
 
     A lost frame has no contours: the frames around it fill it in, and it is then ``interpolated``. It stays ``lost``
-    before a run's first and after its last frame with a pose.
+    before a run's first and after its last frame with a pose. A repeated frame's masks are not looked at either.
 
     Args:
         raw: the track.
@@ -76,7 +76,9 @@ def smoothed(
     for windows in zip(*(run.windows for run in runs), strict=True):
         for run, window in zip(runs, windows, strict=True):
             run.finish(window)
-        for frame in range(done, done + windows[0].final):
+        # A repeated mask is of another time: what its frame had before stays.
+        final = np.arange(done, done + windows[0].final)
+        for frame in final[raw.status[0, final] != _REPEATED].tolist():
             poses = np.stack([run.pose[frame] for run in runs])
             cost[:, frame], iou[:, frame] = masks.judged(frame, poses)
         done += windows[0].final
@@ -214,7 +216,7 @@ class _RunSmoother:
         subject, track = raw.subject, raw.pose[run]
         skeleton = subject.body.skeleton
         self._masks, self._rate = masks, raw.rate
-        self._tracked = raw.status[run] != _LOST
+        self._tracked = ~np.isin(raw.status[run], (_LOST, _REPEATED))
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
         self._known = self._rooting.refold(self._rooting.enter(track))  # poses as they were linearised last
 
@@ -227,7 +229,7 @@ class _RunSmoother:
             raw.rate, self._area_costs, coordinates, from_rest,
         )  # fmt: skip
         problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, backward)
-        has_masks = np.isfinite(raw.iou).any(axis=(0, 2))
+        has_masks = np.isfinite(raw.iou).any(axis=(0, 2)) & (raw.status[0] != _REPEATED)
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), has_masks)
 
         # How sure the poses are: noise from frame to frame, and a body that is not quite the right one.

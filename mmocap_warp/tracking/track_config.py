@@ -16,6 +16,9 @@ _FLAT, _BY_PARTS = (
 )
 
 
+AS_GIVEN, REFINE = "as given", "refine"
+
+
 @describes_settings
 @dataclass(frozen=True)
 class TrackConfig:
@@ -51,6 +54,11 @@ class TrackConfig:
     cost: str = setting(COSTS[0], f"{listed(COSTS)}; the first is Eq. 4-5.")
     renderer: str = setting(RENDERERS[0], f"{listed(RENDERERS)}; the counts, and so the results, are the same.")
     limits: bool = setting(True, "Keep joints within their anatomical limits.")
+    cameras: str = setting(
+        AS_GIVEN,
+        f"'{AS_GIVEN}', or '{REFINE}': before a scene is tracked, cameras and times are refined by the subject before "
+        "them, as far as that is significantly better.",
+    )
     scale: float = setting(1.0, "Of masks and cameras, up to 1.")
     device: str = setting("auto", "auto, cpu or a CUDA device such as cuda:0.")
     threads: int | None = setting(None, "CPU threads.", "all that this process may use")
@@ -59,6 +67,7 @@ class TrackConfig:
         _one_of("algorithm", self.algorithm, (*CONTOUR_TRACKERS, *ALGORITHMS))
         _one_of("preset", self.preset, PRESETS)
         _one_of("cost", self.cost, COSTS)
+        _one_of("cameras", self.cameras, (AS_GIVEN, REFINE))
         _one_of("renderer", self.renderer, RENDERERS)
         for name in ("evaluations", "runs", "threads"):
             value = getattr(self, name)

@@ -6,7 +6,8 @@ from measured import answer, mirrored
 from other_bodies import quadruped
 
 from mmocap_warp.biomechanics.measure_all import measure
-from mmocap_warp.biomechanics.segments import _HEAD_AND_TRUNK, _LIMBS
+from mmocap_warp.biomechanics.segments import _HEAD_AND_TRUNK, _LIMBS, centre_of_mass, skin_place
+from mmocap_warp.body.posing import Poser
 from mmocap_warp.rigging.shipped import load_body
 
 BODIES = {name: load_body(name) for name in ("adult_man", "adult_woman", "tall_slim_adult")}
@@ -77,3 +78,43 @@ def test_womens_shares_lower_it_and_the_mean_is_between():
 
 def test_a_dog_has_none():
     assert centre(quadruped(), np.zeros((2, quadruped().skeleton.coordinates))) is None
+
+
+DE_LEVA = {  # de Leva (1996), table 4: percent of the body's mass; of the way from a segment's first end to its last
+    "female": {
+        ("Top", "Neck"): (6.68, 48.41), ("Shoulder", "Hip"): (42.57, 37.82), ("Shoulder", "Elbow"): (2.55, 57.54),
+        ("Elbow", "Wrist"): (1.38, 45.59), ("Wrist", "Fingertip"): (0.56, 34.27), ("Hip", "Knee"): (14.78, 36.12),
+        ("Knee", "Ankle"): (4.81, 43.52), ("Heel", "Toe"): (1.29, 40.14),
+    },
+    "male": {
+        ("Top", "Neck"): (6.94, 50.02), ("Shoulder", "Hip"): (43.46, 43.10), ("Shoulder", "Elbow"): (2.71, 57.72),
+        ("Elbow", "Wrist"): (1.62, 45.74), ("Wrist", "Fingertip"): (0.61, 36.24), ("Hip", "Knee"): (14.16, 40.95),
+        ("Knee", "Ankle"): (4.33, 43.95), ("Heel", "Toe"): (1.37, 44.15),
+    },
+}  # fmt: skip
+SKIN = {
+    "Top": ("Neck", (0, 1, 0)),
+    "Fingertip": ("Wrist", None),
+    "Heel": ("Ankle", (0, 0, -1)),
+    "Toe": ("Ankle", (0, 0, 1)),
+}
+
+
+@pytest.mark.parametrize("sex", DE_LEVA)
+def test_each_segment_weighs_what_is_printed_for_its_sex(sex):
+    body, rng = BODIES["adult_woman"], np.random.default_rng(4)
+    world = Poser(body, np.eye(3)).joint_transforms(0.4 * rng.normal(size=(3, body.skeleton.coordinates)))
+
+    def place(name: str, side: str) -> np.ndarray:
+        joint, direction = SKIN.get(name, (name, None))
+        joint = joint if joint == "Neck" else side + joint
+        on_skin = name in SKIN
+        return skin_place(body, world, joint, direction) if on_skin else world[:, body.skeleton.index(joint), :3, 3]
+
+    total, weighted = 0.0, 0.0
+    for (first, last), (mass, share) in DE_LEVA[sex].items():
+        limb = first not in ("Top", "Shoulder") or last == "Elbow"  # there are two of it, or one between both sides
+        for side in "LR":
+            here = (1 - share / 100) * place(first, side) + share / 100 * place(last, side)
+            total, weighted = total + mass * (1 + limb), weighted + mass * (1 + limb) * here
+    np.testing.assert_allclose(centre_of_mass(body, world, sex), weighted / total, atol=1e-6)

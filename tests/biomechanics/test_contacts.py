@@ -154,3 +154,18 @@ def test_a_robot_that_trots_stands_on_diagonal_feet_and_has_strides_but_no_steps
 @pytest.mark.parametrize(("name", "feet"), [("fox", 4), ("hand", 0), ("panda", 0), ("adult_man", 2)])
 def test_paws_are_feet_and_fingers_are_none(name, feet):
     assert len(feet_of(load_body(name))) == feet
+
+
+def test_a_foot_stands_up_to_three_centimetres_and_half_a_metre_a_second():
+    """Another foot is the floor; this one is slowly lifted, then slides faster by 1 cm/s in each."""
+    still, knee = np.zeros((80, BODY.skeleton.coordinates)), BODY.skeleton.angles("LKnee").start
+    still[:, knee] = np.linspace(0.0, 1.0, 80)
+    foot = measure(answer(BODY, still, fps=1.0)).runs[0].feet["left"]
+    assert foot.height[0] < 0.02 < 0.05 < foot.height[-1]
+    np.testing.assert_array_equal(foot.on_floor, foot.height < 0.03)
+    sliding = np.zeros((80, BODY.skeleton.coordinates))
+    sliding[:, 0] = 0.005 * np.arange(80) ** 2
+    foot = measure(answer(BODY, sliding, fps=1.0)).runs[0].feet["left"]
+    np.testing.assert_array_equal(foot.on_floor, foot.speed < 0.5)
+    assert foot.on_floor[40]
+    assert not foot.on_floor[60]

@@ -197,6 +197,19 @@ def test_a_part_of_a_person_says_which_angles_it_has_not():
     assert "LAnkle" in joints_left_out(replace(load_body("adult_man"), skeleton=renamed))
 
 
+HELD = "Ankle inversion, Elbow carrying_angle, Elbow pronation, Knee adduction, Knee internal_rotation, Wrist pronation"
+
+
+@pytest.mark.parametrize(("dof", "held"), [(51, []), (39, HELD.split(", "))])
+def test_an_angle_that_the_model_holds_is_named_and_left_out(dof, held):
+    poses = np.where(np.isin(np.arange(MAN.skeleton.coordinates), MAN.skeleton.searched(dof)), some_poses(MAN), 0.0)
+    followed = answer(MAN, poses)
+    measures = measure(replace(followed, config=followed.config | {"dof": dof})).shown
+    assert sorted(measures.held) == sorted(f"{side}{name}" for side in "LR" for name in held)
+    assert not {f"{joint} {name}" for joint, own in measures.angles.items() for name in own} & set(measures.held)
+    assert "flexion" in measures.angles["LElbow"]
+
+
 def test_own_angles_go_on_over_half_a_turn():
     arm = arm_robot().skeleton
     pose = np.zeros((3, arm.coordinates))

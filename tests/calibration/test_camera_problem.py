@@ -119,3 +119,18 @@ def test_a_rooting_that_holds_the_root_is_refused():
     held = Rooting(skeleton, np.eye(3), skeleton.searched()[1:])
     with pytest.raises(ValueError, match="rooting"):
         CameraProblem(RIG, np.zeros(4), SPACE, held, 0.3, np.zeros((4, len(KINDS))))
+
+
+def test_a_known_length_costs_by_how_much_it_is_missed(device):
+    """By two millimetres for each of its deviations, once for all frames."""
+    sigma, frames = np.zeros((len(RIG), len(KINDS))), FRAMES[:2]
+    observations, there = masks_at(RIG, frames, np.zeros(len(RIG))), motion().rooted[frames]
+
+    def cost(*known) -> float:
+        problem = CameraProblem(RIG, np.zeros(len(RIG)), SPACE, ROOTING, 0.3, sigma, known)
+        velocity = motion().velocity(frames)
+        as_it_is = ((MatchingConfig(), 0),)
+        return problem.solved(observations, there, velocity, NONE, sigma, as_it_is, device, 1).cost
+
+    known = cost(known_height(SPACE, height() + 0.006))
+    assert known - cost() == pytest.approx(0.5 * 3.0**2 / len(frames), rel=1e-4)

@@ -236,6 +236,23 @@ def test_a_camera_that_can_be_mended_is_only_a_doubt(monkeypatch) -> None:
     assert looked(monkeypatch, *swapped(*of_four()), to_be_mended=True).problem is not None
 
 
+def test_of_a_small_subject_larger_images_are_compared(monkeypatch) -> None:
+    """By every command that compares views: ``calib check`` names what the look refused."""
+    _, rig, frames = walk()
+    asked: list[int] = []
+
+    def few_masks(scene: Scene, side: int, *start: object) -> tuple[CameraRig, Frames]:
+        asked.append(side)
+        far = [[cv2.erode(mask.astype(np.uint8), np.ones((9, 9))).astype(bool) for mask in masks] for masks in frames]
+        return rig, far if len(asked) == 1 else frames
+
+    monkeypatch.setattr(first_look, "few_masks", few_masks)
+    views = first_look.few_views(walk()[0])
+    assert asked[1] > asked[0]
+    assert views.large_enough
+    assert views.mistake()[1] is None
+
+
 def of_recording(of: BodyModel, motion: BodyMotion, cameras: int) -> tuple[CameraRig, Frames]:
     made = recorded(of, motion, cameras, size=(320, 240))
     frames = np.linspace(0, len(made) - 1, 3).round().astype(int)

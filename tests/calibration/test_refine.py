@@ -122,8 +122,8 @@ def test_mirrored_swapped_and_wrongly_sized_pictures_are_told_by_points(tmp_path
     K[0, :2] *= 2
     sized = gross_mistake(replace(RIG, K=K), seen, FPS)
     assert mirrored is not None
-    assert (mirrored.camera, mirrored.cause) == (RIG.names[1], "mirrored")
+    assert (mirrored.cameras, mirrored.cause) == ((RIG.names[1],), "mirrored")
     assert swapped is not None
-    assert (swapped.camera, swapped.other, swapped.cause) == (RIG.names[1], RIG.names[3], "wrong file")
+    assert (swapped.cameras, swapped.cause) == ((RIG.names[1], RIG.names[3]), "wrong file")
     assert sized is not None
-    assert (sized.camera, sized.cause, sized.size) == (RIG.names[0], "image size", 0.5)
+    assert (sized.cameras, sized.cause, sized.size) == ((RIG.names[0],), "image size", 0.5)

@@ -1,9 +1,17 @@
-"""Of cameras' parameters those that have to change do, the others stay."""
+"""Of cameras' parameters those that have to change do, the others stay; and what is named is significant."""
 
 from __future__ import annotations
 
-import numpy as np
+import re
+from types import SimpleNamespace
 
+import numpy as np
+import pytest
+from synthetic import ring_rig
+
+from mmocap_warp.calibration.adjust.camera_changes import KINDS
+from mmocap_warp.calibration.adjust.camera_problem import CameraSolution
+from mmocap_warp.calibration.camera_check import changing_lags, small_errors
 from mmocap_warp.calibration.refine.refinement import CLEAR, UNDETERMINED, select_parameters
 
 PRIOR = np.ones(4)
@@ -49,3 +57,64 @@ def test_what_belongs_together_stays_or_moves_together():
     np.testing.assert_array_equal(together, [True, True, True, False])
     apart, _, _ = select_parameters(value, covariance, PRIOR, ALONE)
     np.testing.assert_array_equal(apart, [True, True, False, True])
+
+
+def test_several_that_belong_together_need_as_much_each_as_one_alone():
+    """Three that are three deviations away each are chance, though together they are 5.2; five each are none."""
+    together = np.array([0, 0, 0, 1])
+    for deviations, expected in ((3.0, False), (5.0, True)):
+        value = np.array([0.03, 0.03, 0.03, 0.0]) * deviations / 3
+        moved, _, _ = select_parameters(value, np.eye(4) * 0.01**2, PRIOR, together)
+        np.testing.assert_array_equal(moved, [expected] * 3 + [False])
+
+
+RIG = ring_rig(4)
+
+
+@pytest.mark.parametrize(
+    ("columns", "deviations", "cause"),
+    [
+        (slice(0, 6), 3.0, "rotation and position"),
+        (slice(0, 3), 3.0, "rotation"),
+        (slice(3, 6), 3.0, "position"),
+        (slice(6, 7), 4.0, "focal length"),
+        (slice(0, 10), 1.0, None),
+        (slice(0, 6), 0.8, None),
+    ],
+)
+def test_a_change_is_named_where_it_is_significant(columns: slice, deviations: float, cause: str | None) -> None:
+    """Whatever share of the contours' cost it explains, which masks' faults make large."""
+    change = np.zeros((len(RIG), len(KINDS)))
+    change[1, columns] = 0.01 * deviations
+    solution = CameraSolution(
+        change, np.zeros(1), None, np.ones(change.shape, bool), 1e-4 * np.eye(change.size), cost=1000.0
+    )
+    found = small_errors(RIG, solution)
+    assert [(each.camera, each.cause) for each in found] == ([(RIG.names[1], cause)] if cause else [])
+    if found:
+        np.testing.assert_allclose(found[0].change, change)
+
+
+@pytest.mark.parametrize(
+    ("later", "cause", "says"),
+    [
+        (lambda at: -4.0 * (at > 60), "dropped frames", "dropped 4 of its frames near frame 1[56]"),
+        (lambda at: 0.04 * at - 2.4, "frame rate", "runs 4.0 % faster than it says"),
+        (lambda at: 0.0 * at, None, ""),
+    ],
+    ids=["dropped", "faster", "sound"],
+)
+def test_a_lag_that_changes_is_named_with_its_frame(later, cause: str | None, says: str) -> None:
+    """Frames are numbered as in the recording, which began a hundred frames before."""
+    frames, lags = np.arange(0, 120, 3), np.arange(-6, 7)
+    of_view = np.stack([later(frames) if k == 2 else 0.0 * frames for k in range(4)], axis=1)
+    costs = (lags[:, None, None] - of_view) ** 2 + np.random.default_rng(0).normal(0, 0.5, (13, len(frames), 4))
+    cameras = tuple(SimpleNamespace(name=name, rate=1.0) for name in RIG.names)
+    adjustment = SimpleNamespace(
+        scene=SimpleNamespace(fps=60.0, first_frame=100, cameras=cameras),
+        footage=SimpleNamespace(fps=60.0),
+        lag_costs=lambda change, person, at: costs,
+    )
+    found = changing_lags(adjustment, np.zeros((4, len(KINDS))), SimpleNamespace(spread=lambda count: frames))
+    assert [(each.camera, each.cause) for each in found] == ([(RIG.names[2], cause)] if cause else [])
+    assert all(re.search(says, each.words) for each in found)

@@ -216,3 +216,15 @@ def test_who_stands_still_is_told():
     person = person_before(RIG, polytopes(0.1 * way()))
     with pytest.raises(UnsolvableError, match="hardly leaves one place in camera 'a'"):
         standing_view("a", person.head[0], person.foot[0], RIG.K[0], STATURE)
+
+
+def test_a_camera_that_looks_down_too_steeply_is_told():
+    """By 70 degrees, below which a person is no stick: what explains it exactly is refused all the same."""
+    high = placed_camera(10.0, 1.2, 3.6, 0.3, 0.0, 250.0, (0.0, 0.0), SIZE)
+    K, R, t = (np.array(each)[None] for each in high)
+    camera = CameraRig(("a",), K, R, t, np.array([SIZE]), np.zeros((1, 5)), "+z")
+    assert np.degrees(np.arcsin(-R[0, 2, 2])) > 65
+    feet = 0.6 * way()
+    head, foot = project(camera, feet + STATURE * np.eye(3)[2])[0], project(camera, feet)[0]
+    with pytest.raises(UnsolvableError, match="look less than 60 degrees down"):
+        standing_view("a", head, foot, K[0], STATURE)

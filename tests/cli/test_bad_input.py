@@ -14,49 +14,15 @@ import cv2
 import numpy as np
 import pytest
 from calibration_files import write_easymocap
+from small_scene import FRAMES, SIZE, make_scene
 from synthetic import ring_rig, synthetic_body, synthetic_result, synthetic_subject
 
 from mmocap_warp import cli
 from mmocap_warp.cli.console import BAD_INPUT, OK
-from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.formats.usd.usd_body import write_body, write_subject
 from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.result.truth import Truth
-
-FRAMES = 3
-SIZE = (64, 48)
-SCENE = """
-[scene]
-fps = 60
-up = "+y"
-
-[cameras]
-calibration = "calibration.toml"
-
-[cameras.cam01]
-masks = "masks/cam01"
-[cameras.cam02]
-masks = "masks/cam02"
-[cameras.cam03]
-masks = "masks/cam03"
-
-[track]
-evaluations = 30
-"""
-
-
-def make_scene(folder: Path) -> Path:
-    """Three cameras, three frames of masks, nothing wrong."""
-    write_toml_rig(folder / "calibration.toml", ring_rig(3, SIZE))
-    mask = np.zeros(SIZE[::-1], np.uint8)
-    mask[10:40, 24:40] = 255
-    for camera in ("cam01", "cam02", "cam03"):
-        (folder / "masks" / camera).mkdir(parents=True)
-        for frame in range(FRAMES):
-            cv2.imwrite(str(folder / "masks" / camera / f"{frame:04d}.png"), mask)
-    (folder / "scene.toml").write_text(SCENE)
-    return folder
 
 
 def edit(name: str, old: str, new: str) -> Callable[[Path], None]:

@@ -68,7 +68,7 @@ def test_nothing_is_replaced_without_force(tmp_path: Path, capsys: pytest.Captur
             BAD_INPUT,
             "b.xml: ends in '.xml', which is none of the known formats; give Pose2Sim/anipose",
         ),
-        (["-o", "b.toml", "--units", "cm"], USAGE, "--units must be m or mm, got 'cm'"),
+        (["-o", "b.toml", "--units", "km"], USAGE, "--units must be one of m, mm, cm, in, ft, got 'km'"),
         (["-o", "b.toml", "--up", "z"], USAGE, "--up must be one of +x"),
         (["-o", "b.toml", "--size", "640"], USAGE, "--size must be such as 1920x1080, got '640'"),
     ],

@@ -14,6 +14,7 @@ from mmocap_warp.calibration import camera_check as checking
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, changed
 from mmocap_warp.calibration.camera_check import BodyInView, CameraCheck, Finding
+from mmocap_warp.calibration.gross_mistake import IMAGE_SIZE, MIRRORED, SWAPPED, Mistake
 from mmocap_warp.calibration.refine import refinement as refining
 from mmocap_warp.calibration.refine.refinement import Overlaps, Refinement
 from mmocap_warp.cli import main
@@ -102,9 +103,9 @@ def test_findings_are_told_and_drawn(scene: Path, tmp_path: Path, capsys, monkey
     mask[10:30, 20:40] = True
     findings = (
         Finding("cam03", "rotation", change=refinement(0.0).change, explained=0.9, others=("principal point",)),
-        Finding("cam01", "mirrored"),
-        Finding("cam02", "wrong file", other="cam04"),
-        Finding("cam04", "image size", size=1.5),
+        Finding.of(Mistake(("cam01",), MIRRORED)),
+        Finding.of(Mistake(("cam02", "cam04"), SWAPPED)),
+        Finding.of(Mistake(("cam04",), IMAGE_SIZE, 1.5)),
     )
     found = CameraCheck(
         RIG.names, np.full(4, 0.8), np.full(4, 0.7), findings, 0.5, (BodyInView("cam03", mask, mask, ~mask),)
@@ -114,9 +115,9 @@ def test_findings_are_told_and_drawn(scene: Path, tmp_path: Path, capsys, monkey
     told = capsys.readouterr().out
     assert "cam03: probably its rotation, to be changed by tilt +0.00 deg, pan +2.00 deg, roll +0.00 deg" in told
     assert "or else its principal point; explains 90 %" in told
-    assert "cam01: its pictures are mirrored" in told
+    assert "cam01: pictures are mirrored" in told
     assert "cam02 and cam04: one has the other's masks, or its calibration" in told
-    assert "cam04: its pictures are 1.5 times as large" in told
+    assert "cam04: pictures are 1.5 times as large" in told
     assert (tmp_path / "views" / "cam03.png").is_file()
 
 

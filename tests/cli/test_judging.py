@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -56,7 +57,8 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
 
     monkeypatch.setattr(Tracker, "step", lambda self, seen: tracked.append(seen) or step(self, seen))
     monkeypatch.setattr("mmocap_warp.display.result_video.show", show)
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
+    code = console.CHECK_FAILED if keep == "largest" else console.OK  # the largest is not the body
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == code
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
     assert len(drawn) == FRAMES
     for mine, theirs in zip(drawn, tracked, strict=True):
@@ -67,7 +69,7 @@ def test_show_subtracts_nothing_that_was_tracked(tmp_path, monkeypatch):
     scene = write_scene(tmp_path, 'source = "clean_plate"')
     # So small a body is cleaned away as a speck, and what stands beside it is no body.
     arguments = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet", "--trust-cameras"]
-    assert cli.main(arguments) == console.OK
+    assert cli.main(arguments) == console.CHECK_FAILED
     assert "no common hull" in read_result(tmp_path / "r.usdc").config["trusted_cameras"]
     monkeypatch.delattr("mmocap_warp.masks.subtraction.GaussianBackground.foreground")
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
@@ -103,6 +105,24 @@ def test_masks_of_a_whole_subject_pass_the_check(tmp_path, capsys):
     assert report["masks_ok"]
     assert report["faults"] == []
     assert len(report["views"]["cam02"]["area_px"]) == FRAMES
+
+
+def test_a_camera_that_is_off_is_said_after_the_last_frame(tmp_path, capsys):
+    scene = write_scene(tmp_path, 'keep = "nearest"')
+    rig = ring_rig(3, (160, 120))
+    K = rig.K.copy()
+    K[1, 0, 2] += 6
+    write_toml_rig(tmp_path / "rig.toml", replace(rig, K=K))
+    result = str(tmp_path / "r.usdc")
+    codes = []
+    for command in (["track", str(scene), "-o", result], ["eval", result], ["show", result]):
+        codes.append(cli.main([*command, "--quiet", "--json"]))
+        report = json.loads(capsys.readouterr().out)
+        assert list(report["iou_by_camera"]) == ["cam01", "cam02", "cam03"]
+        assert "cam02" in report["verdict"]["cameras"]
+        assert (report["verdict"]["trusted"], report["verdict"]["holds"]) == (0, False)
+        assert f"calib refine {scene}" in report["verdict"]["lines"][1]
+    assert codes == [console.CHECK_FAILED, console.CHECK_FAILED, console.OK]
 
 
 def two_people(folder):

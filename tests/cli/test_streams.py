@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from small_scene import make_scene
 
 from mmocap_warp.cli.console import BAD_INPUT, BROKEN_PIPE, FAILURE, USAGE
 from mmocap_warp.scenes import ROOT
@@ -60,6 +61,43 @@ def test_a_gpu_that_is_not_there_is_wrong_usage(tmp_path):
         assert answer.returncode == USAGE
         assert answer.stderr.splitlines()[-1].startswith("mmocap: --device must be auto or one of ['cpu'], got 'cuda'")
         assert answer.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("closed", ["1", "2", "0 1 2"])
+def test_a_result_is_written_whatever_becomes_of_messages(tmp_path, closed):
+    make_scene(tmp_path)
+    answer = in_shell("".join(f"exec {stream}>&-; " for stream in closed.split()), "mask", tmp_path, tmp_path / "out")
+    assert answer.returncode == 0, answer.stderr
+    assert len(list((tmp_path / "out").rglob("*.png"))) == 9
+    missing = in_shell(f"exec {closed[-1]}>&-; ", "mask", tmp_path / "nowhere", tmp_path / "other")
+    assert missing.returncode == BAD_INPUT
+
+
+@pytest.mark.parametrize("stderr", ["/dev/full", "pipe"])
+def test_a_stderr_that_takes_nothing_ends_no_run(tmp_path, stderr):
+    make_scene(tmp_path)
+    reads_one_line = "exec 2> >(head -n 0); sleep 0.2; "
+    answer = in_shell(f"exec 2>{stderr}; " if stderr != "pipe" else reads_one_line, "mask", tmp_path, tmp_path / "out")
+    assert answer.returncode == 0
+    assert (tmp_path / "out" / "scene.toml").is_file()
+
+
+def test_a_name_that_the_terminal_does_not_know_is_printed_with_escapes(tmp_path):
+    folder = os.fsencode(tmp_path) + b"/caf\xe9"
+    make_scene(tmp_path)
+    os.mkdir(folder)
+    shutil.copytree(tmp_path / "masks", os.fsdecode(folder) + "/masks")
+    for name in ("scene.toml", "calibration.toml"):
+        shutil.copy(tmp_path / name, os.fsdecode(folder))
+    answer = run("cameras", os.fsdecode(folder), stdout=subprocess.PIPE, PYTHONIOENCODING="utf-8:strict")
+    assert answer.returncode == 0, answer.stderr
+    assert "caf\\udce9" in answer.stdout
+
+
+def in_shell(redirected: str, name: str, scene: Path, output: Path) -> subprocess.CompletedProcess:
+    """A command in a shell that has done something to its streams."""
+    command = ["bash", "-c", f'{redirected}exec "$@"', "bash", sys.executable, "-m", "mmocap_warp"]
+    return subprocess.run([*command, name, str(scene), "-o", str(output)], capture_output=True, text=True, timeout=120)
 
 
 LOADING = """

@@ -1,14 +1,22 @@
-"""What ``mm.track`` hands on to the fit before it."""
+"""What ``mm.track`` hands on to the fit before it, and the cameras that it tracks with."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from walk_scene import walking
 
 import mmocap_warp as mm
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, changed
+from mmocap_warp.calibration.refine import refinement
+from mmocap_warp.calibration.refine.refinement import Overlaps, Refinement
 from mmocap_warp.commands import track
+from mmocap_warp.errors import InputError
 from mmocap_warp.scenes import ROOT
+
+SETTINGS = {"algorithm": "contour", "scale": 0.5, "device": "cpu", "threads": 1}
 
 
 class Fitted(Exception):
@@ -26,3 +34,69 @@ def test_a_seed_that_is_given_is_the_fits_too(given, used, monkeypatch):
     scene = replace(mm.load_scene(ROOT / "walk", "0:2"), subject=None, fit={"seed": 4})
     with pytest.raises(Fitted, match=f"^{used}$"):
         mm.track(scene, **given)
+
+
+def walk_and_subject() -> tuple[mm.Scene, mm.Subject]:
+    """Two frames of the shipped walk, and the person who walks."""
+    made = walking()
+    scene = replace(mm.load_scene(ROOT / "walk", "0:2"), truth=None)
+    return scene, mm.Subject(made.body, made.root_base, made.poses[0], {})
+
+
+def refining(monkeypatch, scene: mm.Scene, gain: float) -> list[mm.Subject | None]:
+    """Let a refinement turn the second camera and find the third one late; held-out overlaps rise by ``gain``."""
+    change, asked = np.zeros((len(scene.cameras), len(KINDS))), []
+    change[1, KINDS.index("pan")], change[2, OFFSET] = 0.01, 1.25 / scene.fps
+    overlap = np.full(len(change), 0.8)
+    before, after = Overlaps(overlap, overlap), Overlaps(overlap + gain, overlap + gain)
+    found = Refinement(changed(scene.calibrated, change), change, change, change != 0, change != 0, 0, before, after)
+
+    def refine(recording, body, config, progress) -> Refinement:
+        asked.append(config.subject)
+        return found
+
+    monkeypatch.setattr(refinement, "refine", refine)
+    return asked
+
+
+def test_refined_cameras_are_tracked_with_kept_and_read_again(tmp_path, monkeypatch):
+    scene, subject = walk_and_subject()
+    asked = refining(monkeypatch, scene, 0.05)
+    settings = SETTINGS | {"cameras": "refine"}
+    result = mm.track(scene, subject, output=tmp_path / "r.usdc", **settings)
+    assert asked == [subject]
+    assert result.config["refined_cameras"] == "r.calibration.toml"
+    refined = changed(scene.calibrated, np.zeros((len(scene.cameras), len(KINDS)))).R[1]
+    assert np.degrees(np.arccos((np.trace(result.cameras.R[1] @ refined.T) - 1) / 2)) == pytest.approx(0.573, abs=0.01)
+    # An interrupted run goes on with the same cameras, and without them it is another run.
+    monkeypatch.setattr(track, "write_result", interrupted)
+    (tmp_path / "r.usdc").unlink()
+    for resume in (False, True):
+        with pytest.raises(KeyboardInterrupt):
+            mm.track(scene, subject, output=tmp_path / "r.usdc", resume=resume, **settings)
+    assert len(asked) == 2
+    with pytest.raises(InputError, match=r"differs in its .*cameras"):
+        mm.track(scene, subject, output=tmp_path / "r.usdc", resume=True, **SETTINGS)
+
+
+def interrupted(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_sound_cameras_stay_to_the_last_bit(tmp_path, monkeypatch):
+    scene, subject = walk_and_subject()
+    refining(monkeypatch, scene, -0.01)
+    (tmp_path / "r.calibration.toml").write_text("of an older run")
+    as_given = mm.track(scene, subject, **SETTINGS)
+    result = mm.track(scene, subject, output=tmp_path / "r.usdc", **SETTINGS, cameras="refine")
+    np.testing.assert_array_equal(result.pose, as_given.pose)
+    np.testing.assert_array_equal(result.cameras.t, as_given.cameras.t)
+    assert "refined_cameras" not in result.config
+    assert not (tmp_path / "r.calibration.toml").exists()
+
+
+def test_offsets_are_split_into_frames_and_the_rest():
+    scene, _ = walk_and_subject()
+    offsets = dict.fromkeys(scene.calibrated.names, 0.0) | {scene.calibrated.names[2]: 1.25 / scene.fps}
+    late = scene.with_cameras(scene.calibrated, offsets).cameras
+    assert [(source.frame_offset, source.fraction) for source in late[1:3]] == [(0, 0.0), (1, pytest.approx(0.25))]

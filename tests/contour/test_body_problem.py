@@ -139,3 +139,18 @@ def test_a_base_that_stands_still_is_found_once_for_all_frames(true_poses):
     np.testing.assert_allclose(solution.rooted.base[0], true.base[0], atol=1e-3)
     np.testing.assert_allclose(solution.rooted.pose[:, SEARCHED], true.pose[:, SEARCHED], atol=3e-3)
     assert solution.covariance.shape == (PARAMETERS, PARAMETERS)
+
+
+def test_a_step_that_the_bodys_prior_outweighs_is_not_taken(true_poses):
+    """Contours promise more than they keep: their cost hardly falls, and the body would be 1.2 deviations away."""
+
+    def promising(frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray) -> NormalEquations:
+        size = DOF + PARAMETERS
+        gradient = np.zeros((len(frames), size))
+        gradient[:, DOF] = 0.9
+        matrix = np.tile(np.diag([1.0] * DOF + [0.5] * PARAMETERS), (len(frames), 1, 1))
+        return NormalEquations(matrix, gradient, np.full(len(frames), 1.0 - 0.01 * beta[0]))
+
+    problem = BodyProblem(promising, ROOTING, np.zeros(PARAMETERS), SIGMA)
+    solution = problem.solved(FRAMES, true_poses, np.zeros(PARAMETERS), steps=1)
+    np.testing.assert_array_equal(solution.beta, 0.0)

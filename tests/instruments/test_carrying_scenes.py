@@ -38,6 +38,8 @@ def test_a_case_is_let_go_and_comes_to_rest_on_the_floor(tmp_path: Path) -> None
     np.testing.assert_allclose(np.linalg.norm(held[:28], axis=1), np.linalg.norm((-0.03, -0.07, 0.075)), atol=1e-6)
     assert np.linalg.norm(held[-1]) > 0.5
     vertex = np.flatnonzero(~recording.body.own_vertex)
+    falling = np.diff(places[28:36, skeleton.index("Case")], n=2, axis=0) * recording.fps**2
+    np.testing.assert_allclose(falling, np.tile([0.0, 0.0, -9.81], (len(falling), 1)), atol=0.02)
     low, lowest = (recording.vertices(frame)[vertex, 2].min() for frame in (55, 63))
     assert low == pytest.approx(lowest, abs=1e-5)
     assert -0.02 < lowest < 0.1

@@ -136,6 +136,13 @@ def test_limits_mirror(body: BodyModel) -> None:
         np.testing.assert_array_equal(body.skeleton.limits[right], mirrored)
 
 
+def test_shipped_bodies_have_the_limits_that_are_made_now(body: BodyModel) -> None:
+    """Of all joints but elbows and knees, whose limits count from how far each body's rest bends them."""
+    for j, name in enumerate(JOINTS):
+        if name[1:] not in ("Elbow", "Knee"):
+            np.testing.assert_array_equal(body.skeleton.limits[j], joint_limits(0.0, 0.0)[j], err_msg=name)
+
+
 def test_zero_pose_is_within_the_limits_and_the_root_is_free(body: BodyModel) -> None:
     assert (body.skeleton.limits[..., 0] < 0).all()
     assert (body.skeleton.limits[..., 1] > 0).all()

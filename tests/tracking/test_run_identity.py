@@ -165,7 +165,7 @@ CHANGES: list[tuple[str, Callable[[Run], Run]]] = [
     *(("body", of_body_part("skeleton", name)) for name in names(Skeleton)),
     ("first pose", of_subject(lambda subject: other(subject, "root_base"))),
     ("first pose", of_subject(lambda subject: other(subject, "pose"))),
-    *((name, of_config(name)) for name in names(TrackConfig, "threads", "renderer")),
+    *((name, of_config(name)) for name in names(TrackConfig, "threads", "renderer", "cameras")),
 ]
 
 

@@ -146,28 +146,34 @@ class Adjustment:
         rooting = Rooting(self._body.skeleton, subject.root_base, self._body.skeleton.searched())
         return Person(subject, observations, Motion(rooting, rooting.enter(result.pose[0]), fps), found)
 
-    def add_whole_lags(self, change: np.ndarray, person: Person) -> tuple[np.ndarray, Person]:
-        """The changes with whole frames by which cameras lag, and the person tracked anew where there are any."""
-        # The cost of each view (lag, camera) against the body as it was so many frames earlier or later.
+    def lag_costs(self, change: np.ndarray, person: Person, frames: np.ndarray) -> np.ndarray:
+        """(lag, frame, camera) cost of each view against the body as it was so many of the scene's frames earlier.
+
+        Lags run as far to either side as cameras may be late.
+        """
         fps = self.scene.fps
         reach = min(_MAX_LAG, int(np.ceil(2 * self.config.deviations.offset * fps)))
-        lags = np.arange(-reach, reach + 1)
-        frames = person.spread(self.config.frames)
         fitter = camera_fitter(
             self.space, changed(self.given, change), [person.observations[frame] for frame in frames],
             MatchingConfig(), self.device, self.threads,
         )  # fmt: skip
         fitter.reshape(*self.space.at(self.space.nearest(person.subject.body), self._body.tracking_vertex))
+        lags = np.arange(-reach, reach + 1)
         shifted = (person.motion.at(frames - lag * self.footage.fps / fps) for lag in lags)
-        costs = np.stack([fitter.linearise_views(np.arange(len(frames)), poses).cost.sum(axis=0) for poses in shifted])
+        return np.stack([fitter.linearise_views(np.arange(len(frames)), poses).cost for poses in shifted])
+
+    def add_whole_lags(self, change: np.ndarray, person: Person) -> tuple[np.ndarray, Person]:
+        """The changes with whole frames by which cameras lag, and the person tracked anew where there are any."""
+        costs = self.lag_costs(change, person, person.spread(self.config.frames)).sum(axis=1)
+        reach = len(costs) // 2
         # A view's best lag counts only where it is clearly better than no lag.
-        own = np.where(costs.min(axis=0) < _LAG_COST_RATIO * costs[reach], lags[costs.argmin(axis=0)], 0)
+        own = np.where(costs.min(axis=0) < _LAG_COST_RATIO * costs[reach], costs.argmin(axis=0) - reach, 0)
         if not own.any():
             return change, person
         # Lags count from the fixed camera, or from most cameras.
         own -= int(np.median(own)) if self._stated_fixed is None else own[self._stated_fixed]
         later = change.copy()
-        later[:, OFFSET] += own / fps
+        later[:, OFFSET] += own / self.scene.fps
         return later, self.track_person(later, person.subject)
 
     def sigma_with_fixed(self, fixed: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mmocap_warp.calibration.sync.lag_course import LagCourse, lag_course
+from mmocap_warp.calibration.sync.lag_course import MIN_STRETCHES, LagCourse, lag_course, margin, peak
 from mmocap_warp.calibration.sync.shared_motion import move_in_turn
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.masks.visual_hull import meeting_point
@@ -60,7 +60,6 @@ _NEAR = Sampling(frames=120, points=25_000, starts=3)
 _NEAR_REACH = 6  # frames to either side in the second search
 _MAX_FAR_SPREAD = 2  # frames between the ends of far starts, where hulls determine the offsets alone
 _STRETCHES, _MIN_STRETCH = 6, 15  # stretches of a recording, and frames judged in one at least
-_MIN_STRETCHES = 3  # stretches from which a standard deviation is estimated
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +70,13 @@ class HullOffsets:
         offsets: (view,) [frames] at which they fit best.
         spread: distance of the ends of other starts from these [frames].
         courses: (view,) of their lags.
-        sigma: (view,) standard deviations of the offsets, from the scatter of the recording's stretches [frames].
+        margin: by how much they may be wrong, by the scatter of the recording's stretches [frames].
     """
 
     offsets: np.ndarray
     spread: int
     courses: list[LagCourse]
-    sigma: np.ndarray
+    margin: float
 
 
 def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndarray, reach: int) -> HullOffsets | None:
@@ -105,8 +104,10 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndar
     stretches = min(_STRETCHES, hulls.judged // _MIN_STRETCH)
     courses = [hulls.course(view, offsets, stretches) for view in range(len(views))]
     scatter = np.array([course.scatter for course in courses])
-    sigma = scatter / np.sqrt(stretches - 1) if stretches >= _MIN_STRETCHES else np.full(len(views), np.inf)
-    return HullOffsets(offsets, spread, courses, sigma)
+    known = stretches >= MIN_STRETCHES
+    return HullOffsets(
+        offsets, spread, courses, margin(scatter / np.sqrt(stretches - 1), stretches) if known else float("inf")
+    )
 
 
 class HullAgreement:
@@ -161,12 +162,7 @@ class HullAgreement:
         shares, middles, lags = self._shares(view, offsets), [], []
         for part in np.array_split(np.arange(self.judged), min(stretches, max(1, self.judged))):
             fit = _smooth_mean(shares[part])
-            best = int(np.clip(np.argmax(fit), 1, len(fit) - 2))
-            # A parabola through the best lag and its neighbours gives fractions.
-            before, at, after = fit[best - 1 : best + 2]
-            bend = before - 2 * at + after
-            off = 0.5 * (before - after) / bend if bend < 0 else 0.0
-            lags.append(self._about[view] - self._reach + best + float(np.clip(off, -1, 1)))
+            lags.append(self._about[view] - self._reach + peak(fit))
             middles.append(self._frame[part].mean())
         return lag_course(np.array(middles), np.array(lags) - offsets[view])
 

@@ -9,7 +9,7 @@ from statistics import mode
 import numpy as np
 
 from mmocap_warp.calibration.sync.hull_agreement import HullOffsets, PackedMasks, offsets_by_hull
-from mmocap_warp.calibration.sync.lag_course import LagCourse, lag_course
+from mmocap_warp.calibration.sync.lag_course import MIN_STRETCHES, LagCourse, lag_course, margin, peak
 from mmocap_warp.calibration.sync.shared_motion import PairScores, common_offsets, pair_scores
 from mmocap_warp.calibration.sync.silhouette_motion import LIKE, SilhouetteMotion
 from mmocap_warp.errors import InputError
@@ -26,8 +26,9 @@ _MIN_AGREEING = 0.5  # share of the other views that must agree alone
 _HULL_REACH = 0.4  # seconds to either side in which the hull looks for offsets that motion is not sure of
 _MAX_HULL_CORRECTION = 3  # frames by which the hull may correct offsets that motion is sure of
 _MAX_HULL_SPREAD = 1  # frames between the ends of several starts of a hull that can be trusted
-_MAX_HULL_SIGMA = 0.5  # frames: standard deviation of an offset from such a hull
+_MAX_MARGIN, _MAX_HULL_MARGIN = 2.5, 0.75  # frames: half a confidence interval of offsets by motion, and by hulls
 _STRETCHES, _MIN_STRETCH = 6, 80  # stretches of a recording, and frames of one at least
+_MIN_PART, _NEAR = 8, 6  # frames of a part that is left out of a recording at least; lags to either side without it
 _MAX_CHANGE = 0.2  # seconds by which a lag may change
 _MAX_RIVAL = 0.75  # score of another lag over the best, from which on a view's offset is unsure
 _PAIR_TOLERANCE = 2  # frames within which a pair alone agrees with all pairs
@@ -42,11 +43,13 @@ class ViewOffset:
 
     Attributes:
         frames: by how many of the scene's frames it lags.
-        rival: score of the best other lag over that of this one; below ``0.75`` the offset is sure.
+        rival: score of the best other lag over that of this one; from ``0.75`` on the offset is not sure.
         other: that other lag [frames].
         agreeing: share of the other views that, compared with this one alone, agree within two frames.
         sure: whether the offset is reliable.
         course: how it changes.
+        margin: by how much it may be wrong in 99 of 100 recordings [frames]; that of all offsets together. A lag
+            within it counts as none.
     """
 
     frames: int
@@ -55,19 +58,12 @@ class ViewOffset:
     agreeing: float
     sure: bool
     course: LagCourse = field(default_factory=LagCourse)
+    margin: float = 0.0
 
     def doubt(self, name: str, fps: float | None) -> str | None:
         """Why the offset of the camera ``name``, which runs at ``fps``, is not reliable; None where it is."""
-        if self.sure and self.course.jump:
-            what = f"dropped {-self.course.jump}" if self.course.jump < 0 else f"has {self.course.jump} too many"
-            where = f"{name} {what} of its frames near frame {self.course.at}"
-            return f"{where}: its offset changes there; cut or mend the video"
-        if self.sure and self.course.slope:
-            runs = f"{100 * abs(self.course.slope):.1f} % {'faster' if self.course.slope > 0 else 'slower'}"
-            return (
-                f"{name} runs {runs} than it says, or dropped frames here and there: set fps = {fps:g} under "
-                f"[cameras.{name}] and run sync again; if it still changes, mend the video"
-            )
+        if self.sure and self.course.changes:
+            return self.course.fault(name, fps or 0.0)
         if self.sure:
             return None
         if self.rival == float("inf"):
@@ -78,6 +74,12 @@ class ViewOffset:
             return (
                 f"{name} fits as well {lag:+d} frames later: the motion repeats itself every {abs(lag)} frames, as "
                 "steps do, or there is too little of it; record a clap, a jump or a turn too"
+            )
+        if self.agreeing > _MIN_AGREEING:
+            known = f"only to {self.margin:.1f} frames" if np.isfinite(self.margin) else "to no precision"
+            return (
+                f"{name}: parts of the recording give its offset {known}: it is too short, has too little motion, or a "
+                "camera has another frame rate than it says"
             )
         return f"{name} agrees with {100 * self.agreeing:.0f} % of the other views: too little motion, or poor masks"
 
@@ -150,17 +152,19 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
     # Offsets by motion.
     signals = [_signals(motion, scene, k) for k, motion in enumerate(motions)]
     scores, offsets = _offsets_by_motion(signals, scene.fps, within)
-    courses, hull = _courses_by_motion(signals, offsets, scene.fps), None
+    courses, hull, by_hull = _courses_by_motion(signals, offsets, scene.fps), None, None
     # With a calibration the visual hull decides where it can be trusted.
     if scene.calibration is not None and scene.calibrated.placed:
-        sure = all(_judge(scores, k, offsets, False, course).sure for k, course in enumerate(courses))
+        sure = all(_judge(scores, k, offsets, 0.0, course).sure for k, course in enumerate(courses))
         about, reach = (offsets, 0) if sure else (np.zeros_like(offsets), round(min(_HULL_REACH, within) * scene.fps))
         by_hull = offsets_by_hull(scene.rig(scale), masks, about, reach)
         hull = by_hull is not None and _can_trust(by_hull, offsets if sure else None)
         if by_hull and hull:
             offsets = by_hull.offsets
             courses = [one if one.changes else other for one, other in zip(by_hull.courses, courses, strict=True)]
-    judged = [_judge(scores, k, offsets, hull is True, course) for k, course in enumerate(courses)]
+    # Whether the motion of all parts of the recording gives these offsets counts where hulls do not decide.
+    margin = by_hull.margin if by_hull and hull else _margin_by_motion(signals, offsets, scene.fps)
+    judged = [_judge(scores, k, offsets, margin, course, hull is True) for k, course in enumerate(courses)]
     return Synchronisation(scene.fps, dict(zip((source.name for source in scene.cameras), judged, strict=True)), hull)
 
 
@@ -168,7 +172,7 @@ def _can_trust(hull: HullOffsets, motion: np.ndarray | None) -> bool:
     """Whether hulls determine the offsets; ``motion`` are those that motion is sure of, if any."""
     apart = np.zeros(1) if motion is None else hull.offsets - motion
     small = bool(np.abs(apart - np.median(apart)).max() <= _MAX_HULL_CORRECTION)
-    return small and hull.spread <= _MAX_HULL_SPREAD and bool(hull.sigma.max() <= _MAX_HULL_SIGMA)
+    return small and hull.spread <= _MAX_HULL_SPREAD and hull.margin < _MAX_HULL_MARGIN
 
 
 def _signals(motion: SilhouetteMotion, scene: Scene, k: int) -> np.ndarray:
@@ -209,8 +213,32 @@ def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: floa
     return [lag_course(np.array(middles), lag) for lag in np.array(lags, float).T]
 
 
-def _judge(scores: PairScores, view: int, offsets: np.ndarray, by_hull: bool, course: LagCourse) -> ViewOffset:
-    """A view's offset and whether it is reliable: always if found by the hull, else by its rival and the pairs."""
+def _margin_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> float:
+    """By how much the offsets may be wrong [frames]: see :func:`margin`; infinite for a short recording.
+
+    The offsets' standard deviations are those of the delete-one jackknife over parts of the recording.
+    """
+    begin = offsets - offsets.min()
+    length = min(len(each) - first for each, first in zip(signals, begin, strict=True))
+    parts = np.array_split(np.arange(length), max(1, min(_STRETCHES, length // _MIN_PART)))
+    if len(parts) < MIN_STRETCHES:
+        return float("inf")
+    lags = []
+    for part in parts:
+        kept = np.delete(np.arange(length), part)
+        scores = pair_scores([each[first + kept] for each, first in zip(signals, begin, strict=True)], LIKE, fps, _NEAR)
+        lags.append([peak(scores.of_view(view, np.zeros(len(begin), int))) for view in range(len(begin))])
+    return margin(np.std(lags, axis=0) * np.sqrt(len(parts) - 1), len(parts))
+
+
+def _judge(
+    scores: PairScores, view: int, offsets: np.ndarray, margin: float, course: LagCourse, by_hull: bool = False
+) -> ViewOffset:
+    """A view's offset and whether it is reliable.
+
+    It always is if found by the hull. Else its rival, the pairs and the recording's parts decide; that the parts
+    disagree tells nothing of an offset that changes.
+    """
     frames = offsets - mode(offsets.tolist())  # the frames of most views are the scene's
     # The best lag elsewhere, and its score over that of the chosen one.
     curve, at = scores.of_view(view, offsets - offsets[view]), scores.reach
@@ -222,5 +250,8 @@ def _judge(scores: PairScores, view: int, offsets: np.ndarray, by_hull: bool, co
     others = [each for each in range(len(offsets)) if each != view]
     same = [abs(scores.best_lag(each, view) - (offsets[view] - offsets[each])) <= _PAIR_TOLERANCE for each in others]
     agreeing = float(np.mean(same))
-    sure = by_hull or (rival < _MAX_RIVAL and agreeing > _MIN_AGREEING)
-    return ViewOffset(int(frames[view]), rival, int(frames[view]) + other - at, agreeing, sure, course)
+    clear = rival < _MAX_RIVAL and agreeing > _MIN_AGREEING
+    sure = by_hull or (clear and (margin < _MAX_MARGIN or course.changes))
+    # A lag within what it may be wrong by is none.
+    own = 0 if sure and abs(frames[view]) <= margin and not course.changes else int(frames[view])
+    return ViewOffset(own, rival, int(frames[view]) + other - at, agreeing, sure, course, margin)

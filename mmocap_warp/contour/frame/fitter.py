@@ -240,9 +240,11 @@ class ContourFitter:
         parts = [self._read_sums(count) for count in self._summed(place, rooted, neighbours)]
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def linearise_views(self, place: np.ndarray, rooted: RootedPoses) -> ViewEquations:
+    def linearise_views(
+        self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None
+    ) -> ViewEquations:
         """As :meth:`linearise`, each view apart, and with the view's own columns behind the body's parameters."""
-        parts = [self._read_views(count) for count in self._summed(place, rooted)]
+        parts = [self._read_views(count) for count in self._summed(place, rooted, neighbours)]
         return ViewEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def _summed(self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None) -> Iterator[int]:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from mmocap_warp.cameras.rig import METRES
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import read_text
 
@@ -25,11 +26,7 @@ def refuse_huge(path: str | Path, most: int = _MAX_BYTES) -> None:
 def read_short_text(path: str | Path, kind: str, most: int = _MAX_BYTES) -> str:
     """A file's text; ``kind`` says what it should be, for the remedy."""
     refuse_huge(path, most)
-    return read_text(path, f"give {kind}", missing=f"give {kind}")
-
-
-METRES = {"m": 1.0, "mm": 0.001}
-"""Metres per unit of length."""
+    return read_text(path, f"give {kind}", missing=f"give {kind}", most=most)
 
 
 def stated_metres(units: str | None, source: object) -> float:
@@ -39,7 +36,7 @@ def stated_metres(units: str | None, source: object) -> float:
         InputError: the unit is not known.
     """
     if units is None:
-        remedy = 'say which: units = "m" or "mm" under [cameras] of the scene, or --units'
+        remedy = f"say which: units = {' or '.join(METRES)} under [cameras] of the scene, or --units"
         raise InputError(source, "does not state the unit of its lengths", remedy)
     return METRES[units]
 

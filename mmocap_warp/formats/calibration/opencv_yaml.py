@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import yaml
 
-from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
+from mmocap_warp.cameras.rig import METRES, Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import METRES, Sizes, image_size_of, read_short_text
+from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of, read_short_text
 from mmocap_warp.whole_file import write_whole
 
 _DTYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}

@@ -13,6 +13,7 @@ from defusedxml.ElementTree import fromstring
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import Sizes, refuse_huge
+from mmocap_warp.whole_file import read_bytes
 
 _SUBPIXELS = 64.0  # focal lengths and centres are written in 1/64 px; distortion coefficients are not scaled
 _FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])  # its cameras look along -z with y up
@@ -27,12 +28,9 @@ def read_qualisys(path: str | Path, units: str | None = None, up: str = "+z", si
     ``R = diag(1, -1, -1) [[r11 r12 r13] ..]`` and ``x_cam = R (X - position / 1000)``.
     """
     refuse_huge(path)
+    data = read_bytes(path, "give a .qca.txt file")
     try:
-        root = fromstring(Path(path).read_bytes())
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "check the path") from None
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error})", "give a .qca.txt file") from None
+        root = fromstring(data)
     except (ParseError, DefusedXmlException, ValueError) as error:
         raise InputError(path, f"is not valid XML: {error}", "export the calibration again") from None
     return rig_of([_read_camera(camera, path) for camera in root.iter("camera")], up, path)

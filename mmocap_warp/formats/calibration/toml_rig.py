@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
-from mmocap_warp.formats.calibration.calibration_text import METRES, Sizes, refuse_huge
+from mmocap_warp.cameras.rig import METRES, Camera, CameraRig, lens_of, rig_of
+from mmocap_warp.formats.calibration.calibration_text import Sizes, refuse_huge
 from mmocap_warp.formats.toml_table import Table, is_number, load_toml, quoted
 from mmocap_warp.whole_file import write_whole
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, Skin, joined_parts, parents_first, reorder
+from mmocap_warp.whole_file import read_bytes
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -30,8 +31,6 @@ def read_gltf(path: str | Path) -> RiggedMesh:
         return _read_character(_Document(path), path)
     except InputError:
         raise
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "check the path") from None
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, struct.error) as error:
         raise InputError(path, f"is damaged, or no glTF ({type(error).__name__}: {error})", _REMEDY) from None
     except (RecursionError, MemoryError):
@@ -42,7 +41,7 @@ class _Document:
     """A file's JSON, and its accessors as arrays."""
 
     def __init__(self, path: Path) -> None:
-        data = path.read_bytes()
+        data = read_bytes(path, "check the path")
         binary = b""
         # The JSON, and the binary chunk after it.
         if path.suffix == ".glb":
@@ -72,7 +71,7 @@ class _Document:
             elif uri.startswith("data:"):
                 self._buffers.append(base64.b64decode(uri.partition(",")[2], validate=True))
             else:
-                self._buffers.append(_file_inside(path.parent, uri, path).read_bytes())
+                self._buffers.append(read_bytes(_file_inside(path.parent, uri, path), "check the path"))
 
     def list(self, name: str) -> list[dict[str, Any]]:
         """A list of the file, empty where it has none."""

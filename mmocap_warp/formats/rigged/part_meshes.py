@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import read_bytes
 
 _MATERIALS = ("library_effects", "library_materials", "library_images", "bind_material")
 _REMEDY = "export it again, as triangles in a .stl file"
@@ -30,7 +31,7 @@ def part_mesh(path: Path, source: object) -> tuple[np.ndarray, np.ndarray]:
     kind = path.suffix.lower().lstrip(".")
     if kind not in _KINDS:
         raise InputError(source, f"names the mesh {path.name}, of a kind that is not read", f"use {', '.join(_KINDS)}")
-    data = path.read_bytes()
+    data = read_bytes(path, _REMEDY)
     try:
         vertex, face = _read_wavefront(data) if kind == "obj" else _read_with_trimesh(data, kind, path)
         sound = len(face) > 0 and vertex.ndim == 2 and bool(np.isfinite(vertex).all())

@@ -12,6 +12,7 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.part_meshes import part_mesh
 from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, joined_parts
+from mmocap_warp.whole_file import read_bytes
 
 _REMEDY = "give a URDF file, as `xacro` writes it"
 _TURNS, _SLIDES = ("revolute", "continuous"), "prismatic"
@@ -54,10 +55,9 @@ def _parse_xml(path: Path) -> Element:
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import fromstring
 
+    data = read_bytes(path, "check the path")
     try:
-        root: Element = fromstring(path.read_bytes())
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "check the path") from None
+        root: Element = fromstring(data)
     except DefusedXmlException:
         raise InputError(path, "defines entities or refers to other files, which is not read", "write it out") from None
     except (ParseError, ValueError, LookupError) as error:

@@ -16,6 +16,7 @@ from mmocap_warp.cameras.rig import UP_AXES, Camera, CameraRig, check_rig, rig_o
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of
 from mmocap_warp.formats.usd.usd_file import PrimReader, author, read_stage, reads_usd, set_world_up, write_stage
+from mmocap_warp.whole_file import file_name
 
 _FILM_WIDTH = 0.036  # [m], of a full-frame camera; only its ratio to the focal length matters
 _LENS_UNIT = 10.0  # USD gives apertures and focal lengths in tenths of a scene unit
@@ -61,7 +62,7 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
 
     up = scope.typed("mmocap:up", str)
     scope.require(up in UP_AXES, f"mmocap:up = '{up}' is none of {', '.join(UP_AXES)}")
-    names = tuple(camera.typed("mmocap:name", str) for camera in cameras)
+    names = tuple(file_name(camera.typed("mmocap:name", str), source) for camera in cameras)
     arrays = {}
     for name in ("K", "R", "t", "size", "distortion"):
         key, shape = _CALIBRATION[name]

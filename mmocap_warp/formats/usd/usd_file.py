@@ -14,7 +14,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.sandbox import sandboxed, trust
-from mmocap_warp.whole_file import whole_file
+from mmocap_warp.whole_file import native_path, whole_file
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -86,7 +86,7 @@ def export_root(stage: Usd.Stage, file: Path) -> None:
         OSError: with the first of what USD complains of; after a full disk that is thousands of lines.
     """
     try:
-        stage.GetRootLayer().Export(str(file))
+        stage.GetRootLayer().Export(native_path(file))
     except Tf.ErrorException as error:
         raise OSError(error.args[0].commentary) from error
 

@@ -8,8 +8,8 @@ Layout, with the recording's frame number as time code::
     /World/Cameras/<view>    see ``usd_camera``
     /World/Tracking          mmocap:resultVersion, frames, runs, bestRun, seconds, config and versions (JSON);
                              per frame pose (run x coordinate), cost (run), iou (run x camera), evaluations (run),
-                             status (run); where known rawPose and angleSigma (run x coordinate) and jointSigma
-                             (run x joint x 3)
+                             status (run); where known rawPose and angleSigma (run x coordinate), jointSigma
+                             (run x joint x 3) and viewShift (run x camera)
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ VERSION = 2
 
 _SAMPLED = {name: f"mmocap:{name}" for name in ("pose", "cost", "iou", "evaluations")}  # attributes by arrays
 _OPTIONAL = {"raw_pose": "mmocap:rawPose", "angle_sigma": "mmocap:angleSigma", "joint_sigma": "mmocap:jointSigma"}
+_OPTIONAL["view_shift"] = "mmocap:viewShift"
 _SAMPLED |= _OPTIONAL
 _REMEDY = "give a result that `mmocap track` wrote"
 
@@ -82,7 +83,8 @@ def read_result(path: str | Path) -> Result:
 
     # Arrays (run, frame, ...), of which the file has (frame, run, ...).
     of_pose = {name: (skeleton.coordinates,) for name in ("pose", "raw_pose", "angle_sigma")}
-    shapes = of_pose | {"iou": (len(cameras),), "joint_sigma": (len(skeleton.joints), 3)}
+    of_view = dict.fromkeys(("iou", "view_shift"), (len(cameras),))
+    shapes = of_pose | of_view | {"joint_sigma": (len(skeleton.joints), 3)}
     arrays: dict[str, Any] = {}
     for name, attribute in _SAMPLED.items():
         if name not in _OPTIONAL or prim.HasAttribute(attribute):

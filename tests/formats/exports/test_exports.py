@@ -260,3 +260,23 @@ def test_a_package_that_is_missing_is_named(tmp_path: Path, monkeypatch, package
     with pytest.raises(InputError, match=rf"needs the package {package} .*mmocap-warp\[formats\]"):
         export(synthetic_result(), tmp_path / f"a{suffix}")
     assert not any(tmp_path.iterdir())
+
+
+def test_a_trc_says_where_the_recording_begins(tmp_path: Path) -> None:
+    """The recording's frame 0 is frame 1, and the result begins with its frame 10."""
+    _, names, values = [
+        line.split("\t") for line in written(tmp_path, synthetic_result(), ".trc").read_text().split("\n")[:3]
+    ]
+    about = dict(zip(names, values, strict=True))
+    assert (about["OrigDataStartFrame"], about["OrigNumFrames"], about["NumFrames"]) == ("11", "6", "6")
+    assert about["OrigDataRate"] == about["DataRate"] == "59.940000"
+
+
+def test_the_root_of_a_mot_counts_from_its_own_bind_frame(tmp_path: Path) -> None:
+    result = synthetic_result(frames=7, up="+y")
+    frame = result.subject.body.skeleton.frame.copy()
+    frame[0] = [[0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [-0.8, 0.0, 0.6]]
+    body = replace(result.subject.body, skeleton=replace(result.subject.body.skeleton, frame=frame))
+    result = replace(result, subject=replace(result.subject, body=body))
+    _, joints = mot_motion(written(tmp_path, result, ".mot"), result)
+    np.testing.assert_allclose(joints, result.joints()[result.best_run], rtol=0, atol=SAME)

@@ -252,6 +252,21 @@ def test_a_figure_that_lies_along_other_axes_moves_alike(body):
     )
 
 
+def test_a_clip_at_any_height_stands_on_the_floor(body):
+    clip = figure({"LeftUpLeg": turn("x", np.radians([0.0, -20.0, -40.0]))})
+
+    def raised(by: float) -> MotionClip:
+        place = clip.place + by * np.array([0.0, 1.0, 0.0])
+        return MotionClip(60.0, clip.joint_names, clip.rest, place, clip.rotation, ("hips",), place[:, :1])
+
+    low, high = (retargeted(raised(by), body, 60.0, "figure") for by in (0.0, 5.0))
+    np.testing.assert_allclose(high.poses, low.poses, atol=1e-9)
+    np.testing.assert_allclose(high.markers, low.markers, atol=1e-9)
+    soles = ExactPoser(body, np.eye(3)).vertices(high.poses)[..., 1].min(axis=1)
+    np.testing.assert_allclose(soles, 0.0, atol=1e-3)
+    assert np.abs(high.markers[:, 0, 1] - high.poses[:, 1]).max() < 0.1
+
+
 def test_only_what_the_cameras_see_is_kept(body):
     clip = figure({}, frames=101)
     walked = clip.place + np.linspace(0, 90, 101)[:, None, None] * (0.0, 0.0, 1.0)  # 9 units are a leg, about 0.9 m

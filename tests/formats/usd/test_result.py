@@ -32,6 +32,7 @@ def told(result):
         raw_pose=result.pose + rng.normal(0, 0.01, result.pose.shape),
         angle_sigma=rng.random(result.pose.shape),
         joint_sigma=sigma,
+        view_shift=rng.random(result.iou.shape),
     )
 
 

@@ -1,0 +1,87 @@
+"""How far a result is to be trusted, by its own word: statuses, views that lie beside the body, unsure parts.
+
+What hides limbs, or people who walk by, spoil the overlap but hardly move a whole outline. So the overlap decides
+nothing; a camera disagrees where the whole outline in its masks lies beside the body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.result.pose_errors import nanmedian
+from mmocap_warp.result.result import STATUS, Result
+
+_MAX_SHIFT = 0.015  # metres by which a view may lie beside a person. Sound recordings have up to .007
+_NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one that is wrong
+_MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
+_MIN_VIEWS = 2  # views that must see somebody in a frame
+_SHOWN_RANGES = 4  # ranges of frames that are listed
+
+
+def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
+    """How far a result's best run is to be trusted.
+
+    ``frames`` counts those that show anything new, and ``trusted`` those of them that are ``tracked`` or ``rescued``,
+    or ``partial`` with no part of the body in doubt, in two views or more; none is trusted where a camera disagrees.
+    ``holds`` says whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over
+    100 mm off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how
+    many frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while
+    the others go on, by camera; ``problem`` why masks and calibration fit no body, where they were trusted all the
+    same. ``lines`` say all that in words, with what to do next about a ``scene``.
+    """
+    best, numbers = result.best_run, result.frame_numbers
+    skeleton, size = result.subject.body.skeleton, result.subject.body.relative_size
+    status = np.array(STATUS)[result.status[best]]
+    # Parts of the body whose joints are unsure.
+    doubt = np.zeros((len(status), len(skeleton.parts)), bool)
+    if result.joint_sigma is not None:
+        unsure = np.linalg.norm(result.joint_sigma[best], axis=-1) > _MAX_SIGMA * size
+        doubt = np.stack([unsure[:, np.equal(skeleton.part, i)].any(axis=1) for i in range(doubt.shape[1])], axis=1)
+    good = np.isin(status, ("tracked", "rescued")) | ((status == "partial") & ~doubt.any(axis=1))
+    good &= np.isfinite(result.iou[best]).sum(axis=1) >= _MIN_VIEWS
+    # Cameras, in the middle of these frames.
+    cameras: dict[str, float] = {}
+    if result.view_shift is not None and good.any():
+        middle = np.nan_to_num(nanmedian(result.view_shift[best][good]))
+        if middle.max() > _MAX_SHIFT * size:
+            worst = [k for k in np.argsort(-middle) if middle[k] > _NAMED_SHARE * middle.max()]
+            cameras = {result.cameras.names[k]: 1000 * float(middle[k]) for k in worst}
+    frozen = {name: np.intersect1d(each, numbers) for name, each in result.config.get("frozen_views", {}).items()}
+    problem, repeated = result.config.get("trusted_cameras"), int((status == "repeated").sum())
+    values: dict[str, Any] = {
+        "frames": len(status) - repeated,
+        "trusted": 0 if cameras or problem else int(good.sum()),
+        "parts": {name: numbers[doubt[:, i]].tolist() for i, name in enumerate(skeleton.parts) if doubt[:, i].any()},
+        "cameras": cameras,
+        "repeated": repeated,
+        "frozen": {name: frames.tolist() for name, frames in frozen.items() if len(frames)},
+        "problem": problem,
+    }
+    return values | {"holds": 2 * values["trusted"] >= values["frames"], "lines": _lines(values, scene)}
+
+
+def _lines(values: dict[str, Any], scene: Path | None) -> list[str]:
+    """The verdict in words."""
+    lines = [f"{values['trusted']} of {values['frames']} frames trusted"]
+    if values["problem"]:
+        return [*lines, f"masks and calibration fit no body: {values['problem']}"]
+    if values["cameras"]:
+        off = [f"{name} by {shift:.0f} mm" for name, shift in values["cameras"].items()]
+        step = f"; mend it with: mmocap calib refine {scene}" if scene else ""
+        lines.append(f"cameras that disagree with the others: {', '.join(off)} at the body{step}")
+    if values["repeated"]:
+        lines.append(f"{values['repeated']} more frames repeat the one before, and count as not seen")
+    lines += [f"{name} is frozen in {_ranges(frames)}, and left out there" for name, frames in values["frozen"].items()]
+    return lines + [f"in doubt: {part} in {_ranges(frames)}" for part, frames in values["parts"].items()]
+
+
+def _ranges(frames: Sequence[int]) -> str:
+    """Frame numbers for people, as ``frames 3 to 9, 12 (8 in all)``."""
+    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    words = [f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
+    more = [f"{len(words) - _SHOWN_RANGES} more ranges"] if len(words) > _SHOWN_RANGES else []
+    return f"frames {', '.join(words[:_SHOWN_RANGES] + more)} ({len(frames)} in all)"

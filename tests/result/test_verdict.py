@@ -1,0 +1,96 @@
+"""What a result says of itself in words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import SKELETON, synthetic_result
+
+from mmocap_warp.result.result import STATUS
+from mmocap_warp.result.verdict import verdict
+
+FRAMES, CAMERAS = 12, 4
+
+
+def judged(**changes):
+    """The verdict on a result that nothing speaks against but these changes; its frames are 10 to 21."""
+    result = synthetic_result(FRAMES, runs=1, cameras=CAMERAS)
+    whole = {"view_shift": np.full((1, FRAMES, CAMERAS), 0.004), "iou": np.full((1, FRAMES, CAMERAS), 0.4)}
+    return verdict(replace(result, **whole | {"status": np.zeros((1, FRAMES), np.int8)} | changes), Path("s.toml"))
+
+
+def statuses(name, frames):
+    """(run, frame) of which some have a status."""
+    status = np.zeros((1, FRAMES), np.int8)
+    status[0, frames] = STATUS.index(name)
+    return status
+
+
+def far(*frames):
+    """Joints' deviations with an elbow that may be anywhere in some frames."""
+    sigma = np.full((1, FRAMES, len(SKELETON.joints), 3), 0.01)
+    sigma[0, frames, SKELETON.index("LElbow")] = 0.1
+    return sigma
+
+
+def test_a_sound_result_is_trusted_whatever_its_overlap():
+    told = judged()
+    assert (told["trusted"], told["frames"], told["holds"]) == (12, 12, True)
+    assert told["lines"] == ["12 of 12 frames trusted"]
+    assert judged(view_shift=None)["trusted"] == FRAMES  # as in results of earlier versions
+
+
+@pytest.mark.parametrize(("name", "trusted"), [("lost", 5), ("interpolated", 5), ("partial", 12), ("rescued", 12)])
+def test_frames_without_a_pose_of_their_own_are_not_trusted(name, trusted):
+    told = judged(status=statuses(name, slice(5, None)))
+    assert (told["trusted"], told["holds"]) == (trusted, trusted > 5)
+
+
+def test_one_view_is_not_enough():
+    iou = np.full((1, FRAMES, CAMERAS), 0.9)
+    iou[0, :2, 1:] = np.nan
+    assert judged(iou=iou)["trusted"] == FRAMES - 2
+
+
+def test_a_camera_that_disagrees_is_named_with_what_to_do():
+    shift = np.tile([0.006, 0.04, 0.005, np.nan], (1, FRAMES, 1))
+    shift[0, :3, 0] = 0.2  # for a moment another one is far off
+    shift[0, 6:, 1] = np.nan  # it sees somebody now and then
+    told = judged(view_shift=shift)
+    assert (told["trusted"], told["holds"], list(told["cameras"])) == (0, False, ["cam02"])
+    expected = (
+        "cameras that disagree with the others: cam02 by 40 mm at the body; mend it with: mmocap calib refine s.toml"
+    )
+    assert told["lines"] == ["0 of 12 frames trusted", expected]
+
+
+def test_two_that_may_be_the_wrong_one_are_both_named():
+    told = judged(view_shift=np.tile([0.011, 0.018, 0.004, 0.02], (1, FRAMES, 1)))
+    assert "disagree with the others: cam04 by 20 mm, cam02 by 18 mm" in told["lines"][1]
+
+
+def test_parts_in_doubt_are_named_with_their_frames():
+    told = judged(joint_sigma=far(2, 3, 4, 8), status=statuses("partial", [3, 9]))
+    assert told["parts"] == {SKELETON.parts[SKELETON.part[SKELETON.index("LElbow")]]: [12, 13, 14, 18]}
+    assert "in doubt: left arm in frames 12 to 14, 18 (4 in all)" in told["lines"]
+    assert told["trusted"] == FRAMES - 1  # a partial frame is trusted if all that it lacks is a view
+
+
+def test_what_was_trusted_against_the_first_look_is_not_trusted():
+    told = judged(config={"trusted_cameras": "cam02: pictures are mirrored"}, joint_sigma=far(1))
+    assert not told["holds"]
+    assert told["lines"][1:] == ["masks and calibration fit no body: cam02: pictures are mirrored"]
+
+
+def test_frames_that_repeat_do_not_count():
+    told = judged(
+        status=statuses("repeated", slice(1, None, 2)), config={"frozen_views": {"cam03": [4, 12, 13], "cam01": [5]}}
+    )
+    assert (told["frames"], told["trusted"], told["repeated"], told["holds"]) == (6, 6, 6, True)
+    assert told["lines"][1:] == [
+        "6 more frames repeat the one before, and count as not seen",
+        "cam03 is frozen in frames 12 to 13 (2 in all), and left out there",
+    ]

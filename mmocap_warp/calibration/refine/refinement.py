@@ -153,7 +153,7 @@ def _select_and_judge(adjustment: Adjustment, change: np.ndarray, person: Person
         solution = adjustment.solve(change, person, np.where(moved, sigma, 0.0), again=True)
         change, beta = solution.change, solution.beta
     before, after = (_held_out_overlaps(adjustment, person, beta, each) for each in (np.zeros_like(change), change))
-    if adjustment.world_is_chosen and implausible(moved, fixed):
+    if adjustment.world_is_chosen and implausible(moved):
         change = _in_the_mean_world(adjustment, person, change)
         moved[:, POSITION] = True
     # Principal points are given in pixels of the calibrated images.
@@ -163,12 +163,13 @@ def _select_and_judge(adjustment: Adjustment, change: np.ndarray, person: Person
     return Refinement(rig, full * change, STATED * full * deviation, moved, ~determined, fixed, before, after)
 
 
-def implausible(moved: np.ndarray, fixed: int) -> bool:
-    """Whether most others moved (camera, parameter) beside a camera that stands still, which may be the wrong one.
+def implausible(moved: np.ndarray) -> bool:
+    """Whether most cameras but not all moved (camera, parameter): those that stayed may be the wrong ones.
 
-    Somebody who stays in one place does not tell its principal point from the others' rotations.
+    Somebody who stays in one place does not tell their principal points from the others' rotations.
     """
-    return not moved[fixed].any() and bool(np.delete(moved, fixed, axis=0).any(axis=1).mean() > 0.5)
+    share = float(moved.any(axis=1).mean())
+    return 0.5 < share < 1.0
 
 
 def _in_the_mean_world(adjustment: Adjustment, person: Person, change: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ And ``validate``, of USD files.
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -128,6 +129,7 @@ def sync(call: Any, loaded: Scene, write: bool) -> Answer:
             name: {
                 "offset_frames": view.frames,
                 "offset_s": timing[name]["offset"],
+                "margin_frames": view.margin if isfinite(view.margin) else None,
                 "fps": timing[name].get("fps"),
                 "jump_frames": view.course.jump,
                 "jump_at": view.course.at if view.course.jump else None,
@@ -152,12 +154,13 @@ def sync(call: Any, loaded: Scene, write: bool) -> Answer:
 
 
 def _offset_table(offsets: Synchronisation, timing: dict[str, dict[str, float]]) -> str:
-    rows = [("camera", "lag [frames]", "lag [s]", "sure", "next best by motion", "others agreeing")]
+    rows = [("camera", "lag [frames]", "+-", "lag [s]", "sure", "next best by motion", "others agreeing")]
     for name, view in offsets.views.items():
         rival = f"{view.other:+d} scores {100 * min(view.rival, 9.99):.0f} %"
         sure = "yes" if view.sure else "no"
         seconds = f"{timing[name]['offset']:+.4f}"
-        rows.append((name, f"{view.frames:+d}", seconds, sure, rival, f"{100 * view.agreeing:.0f} %"))
+        margin = f"{view.margin:.1f}" if isfinite(view.margin) else "-"
+        rows.append((name, f"{view.frames:+d}", margin, seconds, sure, rival, f"{100 * view.agreeing:.0f} %"))
     return table(rows)
 
 

@@ -16,6 +16,8 @@ from mmocap_warp.result.pose_errors import nanmedian
 from mmocap_warp.result.result import STATUS, Result
 
 _MAX_SHIFT = 0.015  # metres by which a view may lie beside a person. Sound recordings have up to .007
+_WRONG_SHIFT = 0.035  # metres from which nothing is trusted: a camera that is off by 1 degree has .05
+_FEW_VIEWS = 3  # up to which any disagreement is too much: the body gives way to a camera that is far off
 _NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one that is wrong
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
 _MIN_VIEWS = 2  # views that must see somebody in a frame
@@ -26,12 +28,12 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     """How far a result's best run is to be trusted.
 
     ``frames`` counts those that show anything new, and ``trusted`` those of them that are ``tracked`` or ``rescued``,
-    or ``partial`` with no part of the body in doubt, in two views or more; none is trusted where a camera disagrees.
-    ``holds`` says whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over
-    100 mm off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how
-    many frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while
-    the others go on, by camera; ``problem`` why masks and calibration fit no body, where they were trusted all the
-    same. ``lines`` say all that in words, with what to do next about a ``scene``.
+    or ``partial`` with no part of the body in doubt, in two views or more. None is where a camera is over 35 mm off,
+    15 of three, or where there is a ``problem``: masks and calibration fit no body, and were trusted all the same.
+    ``holds`` says whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over 100 mm
+    off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how many
+    frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while the
+    others go on, by camera. ``lines`` say all that in words, with what to do next about a ``scene``.
     """
     best, numbers = result.best_run, result.frame_numbers
     skeleton, size = result.subject.body.skeleton, result.subject.body.relative_size
@@ -50,11 +52,13 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         if middle.max() > _MAX_SHIFT * size:
             worst = [k for k in np.argsort(-middle) if middle[k] > _NAMED_SHARE * middle.max()]
             cameras = {result.cameras.names[k]: 1000 * float(middle[k]) for k in worst}
+    wrong = _WRONG_SHIFT if len(result.cameras) > _FEW_VIEWS else _MAX_SHIFT
+    off = max(cameras.values(), default=0.0) > 1000 * wrong * size
     frozen = {name: np.intersect1d(each, numbers) for name, each in result.config.get("frozen_views", {}).items()}
     problem, repeated = result.config.get("trusted_cameras"), int((status == "repeated").sum())
     values: dict[str, Any] = {
         "frames": len(status) - repeated,
-        "trusted": 0 if cameras or problem else int(good.sum()),
+        "trusted": 0 if off or problem else int(good.sum()),
         "parts": {name: numbers[doubt[:, i]].tolist() for i, name in enumerate(skeleton.parts) if doubt[:, i].any()},
         "cameras": cameras,
         "repeated": repeated,

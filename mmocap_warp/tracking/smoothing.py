@@ -173,9 +173,7 @@ class _MaskWindow:
         for i, frame in enumerate(frames):
             self._body_fitter.observe(0, self._held[frame % self._places])
             each.append(self._body_fitter.linearise_views(only, rooted[i : i + 1]))
-        return ViewEquations(
-            *(np.concatenate(column) for column in zip(*(vars(e).values() for e in each), strict=True))
-        )
+        return each[0].followed_by(*each[1:])
 
     def judged(self, frame: int, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Costs (pose,) by areas and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen."""

@@ -12,7 +12,7 @@ from synthetic import ring_rig
 from mmocap_warp.calibration.adjust.camera_changes import KINDS
 from mmocap_warp.calibration.adjust.camera_problem import CameraSolution
 from mmocap_warp.calibration.camera_check import changing_lags, small_errors
-from mmocap_warp.calibration.refine.refinement import CLEAR, UNDETERMINED, select_parameters
+from mmocap_warp.calibration.refine.refinement import CLEAR, UNDETERMINED, implausible, select_parameters
 
 PRIOR = np.ones(4)
 ALONE = np.arange(4)
@@ -118,3 +118,13 @@ def test_a_lag_that_changes_is_named_with_its_frame(later, cause: str | None, sa
     found = changing_lags(adjustment, np.zeros((4, len(KINDS))), SimpleNamespace(spread=lambda count: frames))
     assert [(each.camera, each.cause) for each in found] == ([(RIG.names[2], cause)] if cause else [])
     assert all(re.search(says, each.words) for each in found)
+
+
+def test_a_camera_that_stands_still_while_most_others_move_is_implausible() -> None:
+    moved = np.zeros((4, len(KINDS)), bool)
+    moved[2, 3] = True
+    assert not implausible(moved, 0)
+    moved[1:, 7] = True
+    assert implausible(moved, 0)
+    moved[0, 7] = True
+    assert not implausible(moved, 0)

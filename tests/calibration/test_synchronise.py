@@ -17,8 +17,8 @@ from mmocap_warp.calibration.sync import synchronise as sync
 from mmocap_warp.calibration.sync.hull_agreement import HullAgreement, Sampling
 from mmocap_warp.calibration.sync.lag_course import LagCourse, lag_course
 from mmocap_warp.calibration.sync.shared_motion import PairScores, common_offsets, pair_scores
-from mmocap_warp.calibration.sync.silhouette_motion import SilhouetteMotion
-from mmocap_warp.calibration.sync.synchronise import synchronise
+from mmocap_warp.calibration.sync.silhouette_motion import LIKE, SilhouetteMotion
+from mmocap_warp.calibration.sync.synchronise import margin_by_motion, synchronise
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli import main
 from mmocap_warp.errors import InputError
@@ -245,6 +245,27 @@ def test_a_hull_is_of_one_moment(unsynchronised: Path) -> None:
     agreement = HullAgreement(RIG, [View(k) for k in range(3)], np.zeros(3, int), 6, Sampling(25, 20_000, 3))
     found, _ = agreement.offsets()
     np.testing.assert_allclose(found - found[0], lags, atol=1)
+
+
+@pytest.mark.parametrize(
+    ("rate", "seconds", "sure"), [(1.0, 1.5, True), (1.0, 4, True), (50 / 60, 1.5, False), (50 / 60, 4, False)]
+)
+def test_the_parts_of_a_recording_must_agree(rate: float, seconds: float, sure: bool) -> None:
+    """A camera of another rate gives another lag in each part, whatever the whole recording says."""
+    frames, random = int(seconds * FPS), np.random.default_rng(3)
+    source = wandering(4, seed=6, frames=400)
+    at = 20 + np.arange(frames) / [[1.0], [1.0], [rate]]
+    signals = [
+        np.stack([np.interp(times, np.arange(len(source)), column) for column in source.T], axis=1)
+        @ random.standard_normal((4, len(LIKE)))
+        for times in at
+    ]
+    assert (margin_by_motion(signals, np.zeros(3, int), FPS) < 3.2) == sure
+
+
+def test_too_short_a_recording_has_no_confidence_interval() -> None:
+    signals = [wandering(len(LIKE), seed=seed, frames=20)[:20] for seed in range(3)]
+    assert margin_by_motion(signals, np.zeros(3, int), FPS) == float("inf")
 
 
 def test_signals_do_not_see_a_hole_in_time() -> None:

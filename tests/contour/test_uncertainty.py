@@ -16,7 +16,6 @@ from mmocap_warp.contour.clip.motion_penalty import MotionPenalty
 from mmocap_warp.contour.clip.uncertainty import (
     NOISE,
     SYSTEMATIC,
-    USUAL_DEPARTURE,
     USUAL_MISFIT,
     BodyChanges,
     BodyDeviations,
@@ -220,11 +219,11 @@ def test_a_body_far_from_its_family_is_less_sure():
     window = SolvedWindow(rooted, problem.linearise(np.arange(5), rooted), 5)
     usual, far = (
         BodyDeviations(problem, WithBody(problem, moves=1.0), CHANGES, departure=each).of(window)
-        for each in (1.0, departure({"fit.departure": 3 * USUAL_DEPARTURE}))
+        for each in (1.0, departure({"fit.departure": 3.0}))
     )
     np.testing.assert_allclose(far.joint, 3 * usual.joint)
     np.testing.assert_allclose(far.pose, 3 * usual.pose)
-    assert departure({}) == departure({"fit.departure": 0.5 * USUAL_DEPARTURE}) == 1.0
+    assert departure({}) == departure({"fit.departure": 0.5}) == 1.0
 
 
 def test_a_misfit_is_the_distance_of_the_contours():

@@ -70,6 +70,15 @@ def test_a_camera_that_disagrees_is_named_with_what_to_do():
 def test_two_that_may_be_the_wrong_one_are_both_named():
     told = judged(view_shift=np.tile([0.011, 0.018, 0.004, 0.02], (1, FRAMES, 1)))
     assert "disagree with the others: cam04 by 20 mm, cam02 by 18 mm" in told["lines"][1]
+    assert told["trusted"] == FRAMES  # so little does not spoil a result
+
+
+def test_three_views_must_agree_better_than_four():
+    """The body gives way to a camera that is far off."""
+    result = synthetic_result(FRAMES, runs=1, cameras=3)
+    shift = np.tile([0.011, 0.013, 0.018], (1, FRAMES, 1))
+    told = verdict(replace(result, view_shift=shift, iou=np.full(shift.shape, 0.8)))
+    assert (told["trusted"], list(told["cameras"])) == (0, ["cam03", "cam02", "cam01"])
 
 
 def test_parts_in_doubt_are_named_with_their_frames():

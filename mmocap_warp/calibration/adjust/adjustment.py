@@ -98,6 +98,11 @@ class Adjustment:
             one, other = (names.index(name) for name in distance[:2])
             self._known.append(known_distance(self.given, one, other, distance[2]))
 
+    @property
+    def world_is_chosen(self) -> bool:
+        """Whether nothing but the choice of the camera that stands still says where the world is."""
+        return self._world_floats and self._stated_fixed is None
+
     def start(self) -> np.ndarray:
         """The changes by which silhouettes agree where they did not; otherwise zeros."""
         none = np.zeros(self.sigma.shape)

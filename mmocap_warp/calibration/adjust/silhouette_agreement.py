@@ -147,6 +147,20 @@ class LandmarkProblem:
 
         NaN where a point is seen by fewer than two cameras.
         """
+        rig, plane, known, point = self._triangulated(change)
+        # The points' distances from each ray, across the camera's axis.
+        inside = np.einsum("kij,fpj->fkpi", rig.R, point) + rig.t[:, None]
+        depth = np.maximum(inside[..., 2:], _MIN_DEPTH)
+        error = inside[..., :2] - plane * depth
+        return np.where(known[..., None], error, np.nan)
+
+    def points(self, change: np.ndarray) -> np.ndarray:
+        """(frame, point, 3) the points that all cameras triangulate [m]; NaN where fewer than two see them."""
+        _, _, known, point = self._triangulated(change)
+        return np.where(np.asarray(known.any(axis=1))[..., None], point, np.nan)
+
+    def _triangulated(self, change: np.ndarray) -> tuple[CameraRig, np.ndarray, np.ndarray, np.ndarray]:
+        """The changed cameras, what they see at depth 1, where points are known, and the points nearest to the rays."""
         rig = changed(self.rig, change)
         # A ray through each pixel.
         focal, centre = rig.K[:, [0, 1], [0, 1]][:, None], rig.K[:, :2, 2][:, None]
@@ -159,11 +173,7 @@ class LandmarkProblem:
         across = np.where(known[..., None, None], np.eye(3) - ray[..., :, None] * ray[..., None, :], 0.0)
         toward = np.einsum("fkpij,kj->fpi", across, rig.centres)
         point = np.linalg.solve(across.sum(axis=1) + 1e-9 * np.eye(3), toward[..., None])[..., 0]
-        # Its distance from each ray, across the camera's axis.
-        inside = np.einsum("kij,fpj->fkpi", rig.R, point) + rig.t[:, None]
-        depth = np.maximum(inside[..., 2:], _MIN_DEPTH)
-        error = inside[..., :2] - plane * depth
-        return np.where(known[..., None], error, np.nan)
+        return rig, plane, known, point
 
     def _seen_later(self, offset: np.ndarray) -> np.ndarray:
         """What each camera saw at the frames' times, if its images were taken ``offset`` (camera,) later [s]."""

@@ -21,8 +21,9 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, RESPECT, changed
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, RESPECT, changed
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution
+from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, landmarks
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.contour.frame.fitter import WIDE, MatchingConfig
@@ -152,11 +153,39 @@ def _select_and_judge(adjustment: Adjustment, change: np.ndarray, person: Person
         solution = adjustment.solve(change, person, np.where(moved, sigma, 0.0), again=True)
         change, beta = solution.change, solution.beta
     before, after = (_held_out_overlaps(adjustment, person, beta, each) for each in (np.zeros_like(change), change))
+    if adjustment.world_is_chosen and implausible(moved, fixed):
+        change = _in_the_mean_world(adjustment, person, change)
+        moved[:, POSITION] = True
     # Principal points are given in pixels of the calibrated images.
     full = np.ones(change.shape)
     full[:, CENTRE] = 1.0 / adjustment.footage.scale
     rig = changed(adjustment.scene.calibrated, full * change)
     return Refinement(rig, full * change, STATED * full * deviation, moved, ~determined, fixed, before, after)
+
+
+def implausible(moved: np.ndarray, fixed: int) -> bool:
+    """Whether most others moved (camera, parameter) beside a camera that stands still, which may be the wrong one.
+
+    Somebody who stays in one place does not tell its principal point from the others' rotations.
+    """
+    return not moved[fixed].any() and bool(np.delete(moved, fixed, axis=0).any(axis=1).mean() > 0.5)
+
+
+def _in_the_mean_world(adjustment: Adjustment, person: Person, change: np.ndarray) -> np.ndarray:
+    """The same cameras in a world that is shifted so that the person stays, in the mean, where the given ones see it.
+
+    The errors of all cameras average out there.
+    """
+    given, now = adjustment.given, change.copy()
+    now[:, OFFSET] = 0.0  # the observations are in step as they are
+    seen = landmarks(given, person.observations)
+    problem = LandmarkProblem(given, seen, adjustment.footage.fps, np.zeros(change.shape))
+    apart = (problem.points(np.zeros(change.shape)) - problem.points(now)).reshape(-1, 3)
+    apart = apart[np.isfinite(apart).all(axis=1)]
+    shifted = change.copy()
+    if len(apart):
+        shifted[:, POSITION] += given.R @ apart.mean(axis=0)
+    return shifted
 
 
 def _held_out_overlaps(adjustment: Adjustment, person: Person, beta: np.ndarray, change: np.ndarray) -> Overlaps:

@@ -85,13 +85,14 @@ def peak(score: np.ndarray) -> float:
 
 
 def margin(sigma: np.ndarray, stretches: int) -> float:
-    """Half the width of a common confidence interval of offsets [frames], which holds each in 99 of 100 recordings.
+    """Half the width of a confidence interval that holds each of some offsets in 99 of 100 recordings [frames].
 
-    ``sigma`` (view,) are their standard deviations, each from so many ``stretches`` of a recording.
+    ``sigma`` (view,) are their standard deviations, each from so many ``stretches`` of a recording. The largest counts,
+    because one camera may run at another rate.
     """
     from scipy.stats import t
 
-    return float(np.sqrt(np.mean(sigma**2)) * t.ppf(0.995, (stretches - 1) * len(sigma)))
+    return float(np.max(sigma) * t.ppf(0.995, (stretches - 1) * len(sigma)))
 
 
 def _rms(values: np.ndarray) -> float:

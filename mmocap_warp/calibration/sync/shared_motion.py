@@ -43,6 +43,10 @@ class PairScores:
         """The scores of shorter lags alone."""
         return PairScores(self.score[:, :, self.reach - reach : self.reach + reach + 1], reach, self.near)
 
+    def without(self, view: int) -> PairScores:
+        """The scores of the other views."""
+        return PairScores(np.delete(np.delete(self.score, view, 0), view, 1), self.reach, self.near)
+
     def total(self, offsets: np.ndarray) -> float:
         """The sum over all pairs at offsets (view,); a lag out of reach counts nothing."""
         pairs = combinations(range(len(offsets)), 2)

@@ -26,7 +26,8 @@ _MIN_AGREEING = 0.5  # share of the other views that must agree alone
 _HULL_REACH = 0.4  # seconds to either side in which the hull looks for offsets that motion is not sure of
 _MAX_HULL_CORRECTION = 3  # frames by which the hull may correct offsets that motion is sure of
 _MAX_HULL_SPREAD = 1  # frames between the ends of several starts of a hull that can be trusted
-_MAX_MARGIN, _MAX_HULL_MARGIN = 2.5, 0.75  # frames: half a confidence interval of offsets by motion, and by hulls
+_MAX_MARGIN, _MAX_HULL_MARGIN = 3.2, 1.0  # frames: half a confidence interval of offsets by motion, and by hulls
+_IN_STEP = 2  # frames: shorter lags that are within this interval are none
 _STRETCHES, _MIN_STRETCH = 6, 80  # stretches of a recording, and frames of one at least
 _MIN_PART, _NEAR = 8, 6  # frames of a part that is left out of a recording at least; lags to either side without it
 _MAX_CHANGE = 0.2  # seconds by which a lag may change
@@ -48,8 +49,8 @@ class ViewOffset:
         agreeing: share of the other views that, compared with this one alone, agree within two frames.
         sure: whether the offset is reliable.
         course: how it changes.
-        margin: by how much it may be wrong in 99 of 100 recordings [frames]; that of all offsets together. A lag
-            within it counts as none.
+        margin: half the width of its confidence interval, that of the least certain view [frames]. A lag of up to two
+            frames within it counts as none.
     """
 
     frames: int
@@ -163,7 +164,7 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
             offsets = by_hull.offsets
             courses = [one if one.changes else other for one, other in zip(by_hull.courses, courses, strict=True)]
     # Whether the motion of all parts of the recording gives these offsets counts where hulls do not decide.
-    margin = by_hull.margin if by_hull and hull else _margin_by_motion(signals, offsets, scene.fps)
+    margin = by_hull.margin if by_hull and hull else margin_by_motion(signals, offsets, scene.fps)
     judged = [_judge(scores, k, offsets, margin, course, hull is True) for k, course in enumerate(courses)]
     return Synchronisation(scene.fps, dict(zip((source.name for source in scene.cameras), judged, strict=True)), hull)
 
@@ -213,22 +214,32 @@ def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: floa
     return [lag_course(np.array(middles), lag) for lag in np.array(lags, float).T]
 
 
-def _margin_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> float:
+def margin_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> float:
     """By how much the offsets may be wrong [frames]: see :func:`margin`; infinite for a short recording.
 
-    The offsets' standard deviations are those of the delete-one jackknife over parts of the recording.
+    The offsets' standard deviations are those of the delete-one jackknife over parts of the recording, and over views.
     """
     begin = offsets - offsets.min()
     length = min(len(each) - first for each, first in zip(signals, begin, strict=True))
+    aligned = [each[first : first + length] for each, first in zip(signals, begin, strict=True)]
     parts = np.array_split(np.arange(length), max(1, min(_STRETCHES, length // _MIN_PART)))
     if len(parts) < MIN_STRETCHES:
         return float("inf")
-    lags = []
-    for part in parts:
-        kept = np.delete(np.arange(length), part)
-        scores = pair_scores([each[first + kept] for each, first in zip(signals, begin, strict=True)], LIKE, fps, _NEAR)
-        lags.append([peak(scores.of_view(view, np.zeros(len(begin), int))) for view in range(len(begin))])
-    return margin(np.std(lags, axis=0) * np.sqrt(len(parts) - 1), len(parts))
+
+    def lags(scores: PairScores) -> np.ndarray:
+        none = np.zeros(len(scores.score), int)
+        return np.array([peak(scores.of_view(view, none)) for view in range(len(none))])
+
+    # Without each part of the recording, then without each view.
+    fewer = [np.delete(np.arange(length), part) for part in parts]
+    by_part = [lags(pair_scores([each[kept] for each in aligned], LIKE, fps, _NEAR)) for kept in fewer]
+    sigma = np.std(by_part, axis=0) * np.sqrt(len(parts) - 1)
+    views = range(len(aligned))
+    if len(views) > 2:
+        scores = pair_scores(aligned, LIKE, fps, _NEAR)
+        by_view = [np.insert(lags(scores.without(view)), view, np.nan) for view in views]
+        sigma = np.hypot(sigma, np.nanstd(by_view, axis=0) * np.sqrt(len(views) - 2))
+    return margin(sigma, len(parts))
 
 
 def _judge(
@@ -252,6 +263,7 @@ def _judge(
     agreeing = float(np.mean(same))
     clear = rival < _MAX_RIVAL and agreeing > _MIN_AGREEING
     sure = by_hull or (clear and (margin < _MAX_MARGIN or course.changes))
-    # A lag within what it may be wrong by is none.
-    own = 0 if sure and abs(frames[view]) <= margin and not course.changes else int(frames[view])
+    # Cameras are in step where nothing speaks against it.
+    in_step = sure and not course.changes and abs(frames[view]) <= min(margin, _IN_STEP)
+    own = 0 if in_step else int(frames[view])
     return ViewOffset(own, rival, int(frames[view]) + other - at, agreeing, sure, course, margin)

@@ -32,9 +32,6 @@ USUAL_MISFIT = 0.011
 
 MOST_SYSTEMATIC = 2.0
 """By how much the systematic share of residuals grows at most, in usual ones."""
-USUAL_DEPARTURE = 1.3
-"""Root mean square of a fitted body's parameters, in standard deviations of their prior, among people of the family."""
-
 BODY_INTERVAL = 0.2
 """Seconds between the frames in which the body's share of the uncertainty is computed."""
 
@@ -158,12 +155,12 @@ def body_changes(body: BodyModel) -> BodyChanges:
 
 
 def departure(provenance: Mapping[str, object]) -> float:
-    """By how much a fitted body lies further from the generic one than people of its family do; at least 1.
+    """How far a fitted body lies from the generic one, in standard deviations of its family; at least 1.
 
     What is known of the family, such as where joints lie under the skin, holds so much less for that body.
     """
     fitted = provenance.get("fit.departure")
-    return max(1.0, float(fitted) / USUAL_DEPARTURE) if isinstance(fitted, (int, float)) else 1.0
+    return max(1.0, float(fitted)) if isinstance(fitted, (int, float)) else 1.0
 
 
 class BodyDeviations:
@@ -272,9 +269,9 @@ def combine(
 ) -> Uncertainty:
     """Standard deviations of all that is wrong with poses.
 
-    Both parts are in proportion to the misfit: residuals are as large as they are, not as large as was assumed. What is
-    wrong in all frames alike is so twice over, up to ``MOST_SYSTEMATIC``: the larger residuals are, the larger is the
-    share of them that is the same in all frames, for masks' noise does not grow.
+    Both parts are in proportion to the misfit: residuals are as large as they are, not as large as was assumed. The
+    larger they are, the larger is the share of them that is the same in all frames, because masks' noise does not
+    grow: so the second part is in proportion twice, within ``MOST_SYSTEMATIC``.
 
     Args:
         noise: from frame to frame.
@@ -284,7 +281,7 @@ def combine(
         usual: misfit, which shrinks with small bodies as the lengths do that contours are matched by [m].
     """
     scale = misfit / usual
-    alike = SYSTEMATIC * min(scale, MOST_SYSTEMATIC)
+    alike = SYSTEMATIC * min(max(scale, 1.0), MOST_SYSTEMATIC)
     pose, joint = (
         scale * np.hypot(NOISE * own, alike * shared)
         for own, shared in ((noise.pose, body.pose), (noise.joint, body.joint))

@@ -112,6 +112,8 @@ def read_bytes(path: str | Path, remedy: str, *, missing: str = "check the path"
             data = b"" if is_larger else stream.read(most + 1)  # a file may grow
     except FileNotFoundError:
         raise InputError(path, "no such file", missing) from None
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         raise InputError(path, f"cannot be read ({getattr(error, 'strerror', None) or error})", remedy) from None
     if is_larger or len(data) > most:

@@ -12,6 +12,7 @@ from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.camera_changes import (
     KINDS,
     OFFSET,
+    AdjustConfig,
     Deviations,
     camera_jacobian,
     changed,
@@ -92,3 +93,11 @@ def test_columns_are_finite_differences_of_where_edges_are_seen(device, far):
             expected = (sides[0] - sides[1]) / (2 * STEP)
             atol = 2e-3 * max(np.abs(expected).max(), 1.0)
             np.testing.assert_allclose(columns[:, kind], expected, atol=atol, err_msg=KINDS[kind])
+
+
+def test_cameras_that_are_named_must_be_the_scenes() -> None:
+    AdjustConfig(fixed="a", distance=("a", "b", 2.0)).check_names(("a", "b"))
+    AdjustConfig().check_names(("a", "b"))
+    for wrong in (AdjustConfig(fixed="c"), AdjustConfig(distance=("a", "c", 2.0))):
+        with pytest.raises(ValueError, match="must name one of a, b, got c"):
+            wrong.check_names(("a", "b"))

@@ -7,7 +7,7 @@ from other_bodies import arm_robot
 from synthetic import SKELETON, synthetic_body
 
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 HOME = turn("x", 1.3) @ turn("z", 0.4)
@@ -98,3 +98,11 @@ def test_how_coordinates_leave_is_by_finite_differences():
         ahead, behind = (rooting.leave(rooting.stepped(rooted, s), pose[0, 3:6]) for s in (step, -step))
         slope = (ahead - behind)[:, SEARCHED] / 2e-6
         np.testing.assert_allclose(derivative[:, :, number], slope, atol=1e-6)
+
+
+def test_the_first_and_the_last_pose_have_a_neighbour_on_one_side():
+    course = Rooting(SKELETON, HOME, SEARCHED).enter(poses(4))
+    around = Neighbours.of(course, np.arange(4), 30.0)
+    np.testing.assert_array_equal(around.sides, [2, 3, 3, 1])
+    np.testing.assert_array_equal(around.before.pose[1:], course.pose[:-1])
+    np.testing.assert_array_equal(around.after.pose[:-1], course.pose[1:])

@@ -29,7 +29,8 @@ from mmocap_warp.synthesis.walkers import PEOPLE
 
 _FRAMES = 20
 _DISTANCE = (0, 5)  # two cameras that stand opposite each other
-_UNITS = (180 / np.pi, 1000.0, 100.0, 1.0, FPS)  # of the table's columns
+_KINDS = ("rotation", "position", "focal length", "principal point", "time offset")  # the table's columns
+_UNITS = (180 / np.pi, 1000.0, 100.0, 1.0, FPS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ def solved(sequence: StudySequence, person: str) -> Bias:
 def cells(bias: Bias) -> tuple[list[str], np.ndarray]:
     """Of each kind the worst camera alone, and of all but the first together; and errors over stated sigma."""
     told, ratios = [], []
-    for columns, unit in zip(CAUSES.values(), _UNITS, strict=True):
+    for columns, unit in zip((CAUSES[kind] for kind in _KINDS), _UNITS, strict=True):
         worst, groups = [], [[k] for k in range(1, len(bias.change))]
         for cameras in (*groups, list(range(1, len(bias.change)))):
             wanted = np.zeros(bias.free.shape, bool)

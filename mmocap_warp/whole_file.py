@@ -107,16 +107,16 @@ def read_bytes(path: str | Path, remedy: str, *, missing: str = "check the path"
     """
     path = Path(path)
     try:
-        is_larger = _regular_size(path) > most
+        size = _regular_size(path)
         with path.open("rb") as stream:
-            data = b"" if is_larger else stream.read(most + 1)  # a file may grow
+            data = b"" if size > most else stream.read(size)
     except FileNotFoundError:
         raise InputError(path, "no such file", missing) from None
     except InputError:
         raise
     except (OSError, ValueError) as error:
         raise InputError(path, f"cannot be read ({getattr(error, 'strerror', None) or error})", remedy) from None
-    if is_larger or len(data) > most:
+    if size > most:
         raise InputError(path, f"has over {most >> 20} MB", remedy)
     return data
 

@@ -71,7 +71,10 @@ def test_what_has_no_end_is_no_file(tmp_path: Path, name: str, kind: str) -> Non
     assert not (tmp_path / "out" / "scene.toml").exists()
 
 
-@pytest.mark.parametrize("read", [load_toml, content_hash, lambda path: part_mesh(path, path)], ids=["toml", "hash", "mesh"])
+READERS = {"toml": load_toml, "hash": content_hash, "mesh": lambda path: part_mesh(path, path)}
+
+
+@pytest.mark.parametrize("read", READERS.values(), ids=READERS)
 def test_no_reader_waits_for_a_pipe(tmp_path: Path, read) -> None:
     os.mkfifo(tmp_path / "a.stl")
     with pytest.raises(InputError, match="is no regular file"):

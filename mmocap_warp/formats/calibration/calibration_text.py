@@ -36,7 +36,8 @@ def stated_metres(units: str | None, source: object) -> float:
         InputError: the unit is not known.
     """
     if units is None:
-        remedy = f"say which: units = {' or '.join(METRES)} under [cameras] of the scene, or --units"
+        known = " or ".join(f'"{unit}"' for unit in METRES)
+        remedy = f"say which: units = {known} under [cameras] of the scene, or --units"
         raise InputError(source, "does not state the unit of its lengths", remedy)
     return METRES[units]
 

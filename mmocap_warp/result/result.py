@@ -14,7 +14,8 @@ from mmocap_warp.cameras.rig import CameraRig
 STATUS: tuple[str, ...] = ("tracked", "partial", "lost", "rescued", "interpolated", "repeated")
 """How a frame's pose was found.
 
-Tracked: in the ordinary way, with all views. Partial: likewise, but a view was left out (its mask is empty).
+Tracked: in the ordinary way, with all views. Partial: likewise, but a view was left out (its mask is empty), or a part
+of the body is in doubt: then its deviations are wide.
 Lost: not at all, the pose is carried over. Rescued: by a larger search or a new start. Interpolated: filled in
 afterwards from the frames around it. Repeated: likewise, because its images are those of the frame before.
 """

@@ -12,6 +12,8 @@ from mmocap_warp.tracking.tracker import TrackState
 LEVEL_FRAMES = 20
 """Frames that the usual overlap is taken over."""
 _LEAST_FRAMES = 4  # the usual overlap is known after so many frames
+_LEVEL_SHARE = 0.3  # share of a look's uncovered area in its new level
+_RAREST_LOOK = 4  # looks for a limb that is not found come so many times as rarely at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +50,64 @@ class ContourState(TrackState):
             fewer.
         exposed_outlines: (run, frame) float32, the exposed outlines of the same frames [m].
         lost_count: (run,) int32, how many frames in a row are lost.
+        frame_count: (run,) int32, how many frames there were.
+        uncovered_levels: (run, part) float32, the mask area that the body leaves uncovered near each of its parts as
+            long as nothing is in doubt, such as that of a bag [m^2]; NaN until it was looked at.
+        last_excess: (run,) float32, how much more than that was uncovered at the last look [m^2].
+        doubt: (run,) bool, whether that says that a limb is elsewhere.
+        failed_looks: (run,) int32, how many looks for a limb in a row found none.
     """
 
     previous_pose: np.ndarray
     overlap_levels: np.ndarray
     exposed_outlines: np.ndarray
     lost_count: np.ndarray
+    frame_count: np.ndarray
+    uncovered_levels: np.ndarray
+    last_excess: np.ndarray
+    doubt: np.ndarray
+    failed_looks: np.ndarray
 
     @classmethod
-    def at(cls, pose: np.ndarray) -> ContourState:
-        """Before the first frame, at poses (run, coordinate)."""
+    def at(cls, pose: np.ndarray, parts: int) -> ContourState:
+        """Before the first frame, at poses (run, coordinate) of a body of so many parts."""
         runs, nothing = len(pose), np.zeros((len(pose), LEVEL_FRAMES), np.float32)
-        counts = np.zeros(runs, np.int32)
+        counts, by_part = np.zeros(runs, np.int32), np.full((runs, parts), np.nan, np.float32)
         return cls(
-            pose, counts, previous_pose=pose, overlap_levels=nothing, exposed_outlines=nothing, lost_count=counts
+            pose, counts, previous_pose=pose, overlap_levels=nothing, exposed_outlines=nothing, lost_count=counts,
+            frame_count=counts, uncovered_levels=by_part, last_excess=np.zeros(runs, np.float32),
+            doubt=np.zeros(runs, bool), failed_looks=counts,
+        )  # fmt: skip
+
+    def is_looking(self, interval: int) -> np.ndarray:
+        """(run,) bool: whether the next frame is looked at for limbs; after looks that failed it is less often."""
+        looking: np.ndarray = self.frame_count % (interval * np.minimum(1 + self.failed_looks, _RAREST_LOOK)) == 0
+        return looking
+
+    def excess(self, area: np.ndarray, largest_usual: float) -> np.ndarray:
+        """(run, part) by how much more than usual is uncovered, or than may be usual [m^2]."""
+        usual = np.fmin(np.nan_to_num(self.uncovered_levels, nan=np.inf), largest_usual)
+        excess: np.ndarray = np.maximum(area - usual, 0.0)
+        return excess
+
+    def looked_at(self, looked: np.ndarray, area: np.ndarray, excess: np.ndarray, doubt: np.ndarray) -> ContourState:
+        """The state after a look at runs ``looked`` (run,) bool.
+
+        Args:
+            looked: which runs.
+            area: (run, part) what was uncovered near each part [m^2].
+            excess: (run, part) by how much more that was than usual [m^2].
+            doubt: (run,) bool, whether it says that a limb is elsewhere.
+        """
+        usual = np.where(np.isnan(self.uncovered_levels), area, self.uncovered_levels)
+        usual = np.where((looked & ~doubt)[:, None], usual + _LEVEL_SHARE * (area - usual), self.uncovered_levels)
+        failed = np.where(doubt, self.failed_looks + 1, 0)
+        return replace(
+            self,
+            uncovered_levels=usual.astype(np.float32),
+            last_excess=np.where(looked, excess.sum(axis=1), self.last_excess).astype(np.float32),
+            doubt=np.where(looked, doubt, self.doubt),
+            failed_looks=np.where(looked, failed, self.failed_looks).astype(np.int32),
         )
 
     @property
@@ -102,11 +148,12 @@ class ContourState(TrackState):
     def followed_by(self, answer: Candidates, lost: np.ndarray) -> ContourState:
         """The state after a frame's answer, where ``lost`` (run,) bool says which runs are lost.
 
-        A lost frame's pose is a guess: no motion is taken from it, and it teaches nothing about the usual overlap. But
-        if frames stay lost for very long, what is seen has changed for good, and they count again.
+        A lost frame's pose is a guess: no motion is taken from it. Neither it nor a frame with a limb in doubt teaches
+        anything about the usual overlap. But if frames stay lost for very long, what is seen has changed for good, and
+        they count again.
         """
         changed_for_good = self.lost_count >= 2 * LEVEL_FRAMES
-        not_counted = (lost & ~changed_for_good)[:, None]
+        not_counted = (self.doubt | (lost & ~changed_for_good))[:, None]
         overlaps = np.concatenate([self.overlap_levels[:, 1:], answer.overlap[:, None]], axis=1).astype(np.float32)
         outlines = np.concatenate([self.exposed_outlines[:, 1:], answer.exposed[:, None]], axis=1).astype(np.float32)
         return replace(
@@ -116,4 +163,5 @@ class ContourState(TrackState):
             overlap_levels=np.where(not_counted, self.overlap_levels, overlaps),
             exposed_outlines=np.where(not_counted, self.exposed_outlines, outlines),
             lost_count=np.where(lost, self.lost_count + 1, 0).astype(np.int32),
+            frame_count=self.frame_count + np.int32(1),
         )

@@ -35,6 +35,7 @@ from mmocap_warp.tracking.pose_search import PoseSearch, RootFrame
 from mmocap_warp.tracking.recovery_starts import SCATTERED_POSES, RecoveryStarts
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import lost_frame, overlap
+from mmocap_warp.tracking.uncovered import CLEAR_AREA, LARGEST_USUAL_AREA, LASTING_AREA, UncoveredArea, look_interval
 
 _STEPS = 5  # descent steps from the last pose
 _STEPS_FAR = 10  # descent steps from a start that is further away
@@ -44,6 +45,10 @@ _SHORT_OVERLAP, _SHORT_EXPOSED = 0.012, 0.12  # overlap below the usual, and exp
 _LOST_OVERLAP, _LOST_EXPOSED = 0.06, 0.5  # the same, where the frame is lost
 _LOST_FRAMES = 3  # frames in a row that are lost before the tracker starts anew
 _LEAST_GAIN = 0.001  # overlap by which a later answer must be better
+_STILL_UNCOVERED = 0.5  # a limb is found where less than this share of the area above the usual is left
+_COMPARED = 6  # poses with such limbs whose uncovered area is compared
+_AREA_WORTH = 2.0  # overlap that a square metre of uncovered area is worth in a body as large as a person
+_LARGEST_LOSS = 0.008  # overlap that a pose which covers a limb may cost
 
 
 def starts_per_run(config: TrackConfig) -> int:
@@ -85,7 +90,10 @@ class ContourTracker:
         descent, judge = self._fitter.descent, self._judge
         self._answers = Download([descent.best, descent.tally, judge.cost, judge.count])
         self._replays = Replays(self.device)
-        self._state = ContourState.at(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
+        self._uncovered = UncoveredArea(subject, rig)
+        self._look_interval = look_interval(abs(fps))
+        first = np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0)
+        self._state = ContourState.at(first, len(subject.body.skeleton.parts))
 
     @property
     def state(self) -> ContourState:
@@ -121,10 +129,17 @@ class ContourTracker:
                 answer, rescued = self._recovered(self.search, answer, observation)
                 evaluations = self.search.evaluations
 
+        # Now and then, and where the ladder led elsewhere, look for limbs that the body does not cover.
+        looking = self._state.is_looking(self._look_interval) | rescued
+        if looking.any():
+            answer, limb_found = self._with_limbs_found(answer, looking, observation)
+            rescued |= limb_found
+
         # Judge the answer by the frames before, then let it teach the frames after.
         lost = self._state.level_known & self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
-        ordinary = STATUS.index("tracked" if observation.foreground.all() else "partial")
-        status = np.where(rescued, STATUS.index("rescued"), ordinary)
+        partial = self._state.doubt | (np.logical_not(observation.foreground.all()) & ~rescued)
+        status = np.where(rescued, STATUS.index("rescued"), STATUS.index("tracked"))
+        status = np.where(partial, STATUS.index("partial"), status)
         status = np.where(lost, STATUS.index("lost"), status)
         self._state = self._state.followed_by(answer, lost)
         seconds = time.perf_counter() - started
@@ -169,6 +184,37 @@ class ContourTracker:
             rescued |= moved | refined
         return answer, rescued
 
+    def _with_limbs_found(
+        self, answer: Candidates, looking: np.ndarray, observation: Observation
+    ) -> tuple[Candidates, np.ndarray]:
+        """The answer with limbs where masks were uncovered, for runs that are ``looking`` (run,), and which have some.
+
+        What stays uncovered is in doubt from now on.
+        """
+        size = self._subject.body.relative_size**2
+        looks = [self._uncovered.of(pose, observation) for pose in answer.pose]
+        excess = self._state.excess(np.stack([look.area for look in looks]), LARGEST_USUAL_AREA * size)
+
+        # Fit limbs that reach to what stays uncovered. What one look alone shows may be a fault of its masks.
+        lasts = np.minimum(excess.sum(axis=1), self._state.last_excess) > LASTING_AREA * size
+        wanted, found = looking & lasts, np.zeros(self._runs, bool)
+        if self.search and wanted.any():
+            places = [look.place if want else look.place[:0] for look, want in zip(looks, wanted, strict=True)]
+            starts = self._starts.reaching(answer.pose, self.search.counter.numpy(), places)
+            other = self._most_covering(self._fitted(starts, observation, _STEPS_FAR), observation)
+            # A limb is found where most of the area is covered then, and the overlap is as good.
+            again = [self._uncovered.of(pose, observation) for pose in other.pose]
+            left = self._state.excess(np.stack([look.area for look in again]), LARGEST_USUAL_AREA * size)
+            found = wanted & (left.sum(axis=1) < _STILL_UNCOVERED * excess.sum(axis=1))
+            found &= other.overlap > answer.overlap - _LARGEST_LOSS
+            answer = other.where(found, answer)
+            looks = [new if better else old for new, old, better in zip(again, looks, found, strict=True)]
+            excess = np.where(found[:, None], left, excess)
+        total = excess.sum(axis=1)
+        doubt = (total > CLEAR_AREA * size) | ((total > LASTING_AREA * size) & lasts)
+        self._state = self._state.looked_at(looking, np.stack([look.area for look in looks]), excess, doubt)
+        return answer, found
+
     def _improved(
         self, answer: Candidates, wanted: np.ndarray, starts: np.ndarray, observation: Observation
     ) -> tuple[Candidates, np.ndarray]:
@@ -190,8 +236,25 @@ class ContourTracker:
         starts: np.ndarray = search.best_pose.numpy()[:, None].copy()
         return starts
 
+    def _most_covering(self, fitted: Candidates, observation: Observation) -> Candidates:
+        """Of poses (run x start), each run's best by what it leaves uncovered, too, among those that overlap most."""
+        best = []
+        for of_run in np.arange(len(fitted.pose)).reshape(self._runs, -1):
+            likely = of_run[np.argsort(-fitted.overlap[of_run], kind="stable")[:_COMPARED]]
+            left = np.array([self._uncovered.of(fitted.pose[i], observation).area.sum() for i in likely])
+            worth = fitted.overlap[likely] - _AREA_WORTH / self._subject.body.relative_size**2 * left
+            best.append(likely[np.argmax(worth)])
+        return fitted[np.array(best)]
+
     def _best_fit(self, starts: np.ndarray, observation: Observation, steps: int) -> Candidates:
         """Fit starts (run, start, coordinate) by their contours: each run's best."""
+        runs, count, _ = starts.shape
+        fitted = self._fitted(starts, observation, steps)
+        best = np.argmax(fitted.overlap.reshape(runs, count), axis=1)
+        return fitted[best + count * np.arange(runs)]
+
+    def _fitted(self, starts: np.ndarray, observation: Observation, steps: int) -> Candidates:
+        """The poses (run x start) that contours lead to from starts (run, start, coordinate)."""
         runs, count, coordinates = starts.shape
         fitter, total = self._fitter, runs * count
         home = np.repeat(self._subject.root_base[None], total, axis=0)
@@ -203,9 +266,7 @@ class ContourTracker:
         pose, tally, cost, pixels = self._answers.read(total)
         # Of the lengths of exposed outline in the views, the second longest.
         exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)
-        fitted = Candidates(pose, overlap(pixels, observation), exposed, cost)
-        best = np.argmax(fitted.overlap.reshape(runs, count), axis=1)
-        return fitted[best + count * np.arange(runs)]
+        return Candidates(pose, overlap(pixels, observation), exposed, cost)
 
     def _launch_fit(self, total: int, steps: int) -> None:
         """Fit the first poses, judge them, and have the answers on their way to the host."""

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rotations import spread_rotations, transposed, zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
-from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.visual_hull import visual_hull
 from mmocap_warp.tracking.from_settings import search_limits
+from mmocap_warp.tracking.limb_pairs import limbs
 from mmocap_warp.tracking.track_config import TrackConfig
 
 SCATTERED_POSES = 40
@@ -19,6 +23,8 @@ SCATTERED_POSES = 40
 _SCATTER_ANGLE = 0.35  # standard deviation of the angles of scattered poses [rad]
 _HEADINGS = 16  # directions that a standing body is turned to
 _ROTATIONS = 20  # rotations of a body that may lie any way up
+_DRAWN = 512  # poses of a limb that are drawn to find some that reach to a place
+_MOST_PLACES = 24  # places that are reached for
 _VOXEL = 0.04  # distance between the points of the visual hull [m]
 
 
@@ -35,6 +41,9 @@ class RecoveryStarts:
         self._subject, self._rig, self._seed = subject, rig, config.seed
         self._limits = search_limits(subject, config)
         by_part = subject.body.skeleton.searched_by_part(config.dof).values()
+        self._poser = Poser(subject.body, subject.root_base)
+        self._limbs = limbs(subject.body.skeleton)
+        self._searched = subject.body.skeleton.searched(config.dof)
         self._parts = [index[index >= ROOT_ANGLES.stop] for index in by_part if (index >= ROOT_ANGLES.stop).any()]
 
     def within_limits(self, pose: np.ndarray) -> np.ndarray:
@@ -56,6 +65,41 @@ class RecoveryStarts:
                 index = self._parts[number % len(self._parts)]
                 start[index] += rng.normal(0.0, _SCATTER_ANGLE, len(index))
         return self.within_limits(starts)
+
+    def reaching(self, pose: np.ndarray, counter: np.ndarray, places: Sequence[np.ndarray]) -> np.ndarray:
+        """Starts around poses (run, coordinate), each with a limb that reaches to places (n, 3) of its run [m].
+
+        They are the nearest of many limbs that are drawn evenly between their limits. A run without a place keeps its
+        pose.
+        """
+        low, high = np.clip(self._limits, -np.pi, np.pi).T
+        starts = np.repeat(pose[:, None], SCATTERED_POSES, axis=1)
+        for run, wanted in enumerate(places):
+            if not len(wanted) or not self._limbs:
+                continue
+            rng, wanted = self._random(run, counter), wanted[:: -(-len(wanted) // _MOST_PLACES)]
+            drawn, away = [], []
+            for limb in self._limbs:
+                index = np.intersect1d(limb.coordinates, self._searched)
+                poses = np.repeat(pose[run : run + 1], _DRAWN, axis=0)
+                poses[:, index] = rng.uniform(low[index], high[index], (_DRAWN, len(index)))
+                along = self._along_bones(poses, np.unique((limb.coordinates - TRANSLATION) // 3))
+                apart = np.linalg.norm(wanted[:, None] - along[:, None], axis=3)  # (pose, place, point)
+                near = np.argsort(apart.min(axis=2).mean(axis=1), kind="stable")[: SCATTERED_POSES // 2]
+                drawn.append(poses[near])
+                away.append(apart[near].min(axis=2).mean(axis=1))
+            best = np.argsort(np.concatenate(away), kind="stable")[:SCATTERED_POSES]
+            starts[run, : len(best)] = np.concatenate(drawn)[best]
+        return self.within_limits(starts)
+
+    def _along_bones(self, poses: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """(pose, point, 3) points on the bones between the joints of a limb, and on its last bone beyond its end."""
+        centre = self._poser.joint_transforms(poses)[:, :, :3, 3][:, joints]
+        if len(joints) == 1:
+            return centre
+        bones = np.diff(centre, axis=1)[:, :, None] * np.array([0.25, 0.5, 0.75, 1.0, 1.25])[:, None]
+        points: np.ndarray = (centre[:, :-1, None] + bones).reshape(len(poses), -1, 3)
+        return points
 
     def anywhere(self, pose: np.ndarray, counter: np.ndarray, observation: Observation) -> np.ndarray:
         """The last poses (run, coordinate) and the first one, moved to the visual hull and turned every way.

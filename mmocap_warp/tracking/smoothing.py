@@ -36,13 +36,24 @@ from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.shipped import deviation_factors
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs
+from mmocap_warp.tracking.recovery_starts import RecoveryStarts
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import overlap
+from mmocap_warp.tracking.uncovered import (
+    LASTING_AREA,
+    WIDE_SIGMA,
+    Uncovered,
+    UncoveredArea,
+    look_interval,
+    parts_in_doubt,
+)
 
 SmoothReport = Callable[[int], None]
 """Called with the number of frames that are final."""
 
-_LOST, _INTERPOLATED, _REPEATED = (STATUS.index(name) for name in ("lost", "interpolated", "repeated"))
+_TRACKED, _PARTIAL, _LOST, _INTERPOLATED, _REPEATED = (
+    STATUS.index(name) for name in ("tracked", "partial", "lost", "interpolated", "repeated")
+)
 CANDIDATES = 32
 """Poses that are linearised at a time."""
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
@@ -84,13 +95,19 @@ def smoothed(
         done += windows[0].final
         if progress:
             progress(done)
+    # Which limbs are in doubt is judged anew: the clip may have found what its frames had lost.
+    doubt = np.stack([run.parts_in_doubt() for run in runs])
+    status = _with_interpolated(raw.status)
+    in_all_views = np.isfinite(raw.iou).all(axis=2)
+    status = np.where((status == _PARTIAL) & in_all_views, _TRACKED, status)
+    doubtful = doubt.any(axis=2) & np.isin(status, (_TRACKED, STATUS.index("rescued")))
     seconds = time.perf_counter() - started - masks.reading
     return replace(
         raw,
         pose=np.stack([run.pose for run in runs]),
         cost=cost,
         iou=iou,
-        status=_with_interpolated(raw.status),
+        status=np.where(doubtful, _PARTIAL, status).astype(np.int8),
         seconds=raw.seconds + seconds,
         raw_pose=raw.pose,
         angle_sigma=np.stack([run.sigma.pose for run in runs]),
@@ -125,6 +142,8 @@ class _MaskWindow:
         self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
         self._wide_fitter = make_fitter(subject, raw.cameras, config, max(1, len(self.pairs)), matching=WIDE)
         self._objective = make_objective(subject, raw.cameras, config, len(raw.pose))
+        self._uncovered = UncoveredArea(subject, raw.cameras)
+        self.starts = RecoveryStarts(subject, raw.cameras, config)
         self._judged: int | None = None  # the frame that the objective observes
         self._unread: Iterator[Observation] = iter(observations)
         self._held: list[Observation] = []
@@ -186,6 +205,10 @@ class _MaskWindow:
         cost = self._objective.costs(pose)
         return cost, overlap(self._objective.count.numpy()[:count], observation)
 
+    def uncovered(self, frame: int, pose: np.ndarray) -> Uncovered:
+        """What a pose (coordinate,) leaves uncovered of a frame's masks."""
+        return self._uncovered.of(pose, self._held[frame % self._places])
+
     def _observe_next(self) -> None:
         """Read a frame into the place of the oldest one."""
         started = time.perf_counter()
@@ -220,13 +243,15 @@ class _RunSmoother:
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
         self._known = self._rooting.refold(self._rooting.enter(track))  # poses as they were linearised last
 
+        self._skeleton, self._size = skeleton, subject.body.relative_size
+
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
         points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
         coordinates = [limb.coordinates for limb in limbs(skeleton)]
         from_rest = masks.pairs_from_rest if masks.pairs else None
         backward = BackwardPass(
             self._descend, self._linearise, self._rooting, points,
-            raw.rate, self._area_costs, coordinates, from_rest,
+            raw.rate, self._area_costs, coordinates, from_rest, self,
         )  # fmt: skip
         problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, backward)
         has_masks = np.isfinite(raw.iou).any(axis=(0, 2)) & (raw.status[0] != _REPEATED)
@@ -243,6 +268,10 @@ class _RunSmoother:
         self._widest[masks.searched] = self._rooting.anywhere
         self._usual_misfit = USUAL_MISFIT * subject.body.relative_size
 
+        # Which parts are in doubt, by looks for what the body leaves uncovered.
+        self._looks: dict[int, np.ndarray] = {}
+        self._look_interval = look_interval(raw.rate)
+
         self._finished = 0
         self._last_angles = track[0, ROOT_ANGLES]
         self.pose = track.copy()
@@ -253,6 +282,9 @@ class _RunSmoother:
         frames = slice(self._finished, self._finished + window.final)
         self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last_angles)
         error = misfit(window.contour, self._rooting.searched, self._usual_misfit)
+        for frame in range(frames.start, frames.stop):
+            if frame % self._look_interval == 0 and self._tracked[frame]:
+                self._looks[frame] = self._masks.uncovered(frame, self.pose[frame]).area
         sigma = combine(self._noise.of(window), self._body.of(window), error, self._widest, self._usual_misfit)
         if self._factors:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
@@ -260,6 +292,17 @@ class _RunSmoother:
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
         self._last_angles = self.pose[frames.stop - 1, ROOT_ANGLES]
         self._finished = frames.stop
+
+    def parts_in_doubt(self) -> np.ndarray:
+        """(frame, part) bool, once all windows are finished: parts that may be elsewhere; their deviations grow."""
+        doubt = np.zeros((len(self.pose), len(self._skeleton.parts)), bool)
+        if self._looks:
+            looked, area = np.array(list(self._looks)), np.stack(list(self._looks.values()))
+            doubt = parts_in_doubt(self._size, looked, area, len(doubt))
+        wide = doubt[:, np.array(self._skeleton.part)]  # (frame, joint)
+        least = np.where(wide, WIDE_SIGMA * self._size, 0.0)[:, :, None]
+        self.sigma.joint[:] = np.maximum(self.sigma.joint, least)
+        return doubt
 
     def _linearise(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         """What the contours say about frames around poses. Frames that were lost say nothing."""
@@ -273,6 +316,19 @@ class _RunSmoother:
     def _neighbours(self, frames: np.ndarray) -> Neighbours:
         """The poses before and after frames, from which late views know how the body moves."""
         return Neighbours.of(self._known, frames, self._rate)
+
+    def area(self, frame: int, rooted: RootedPoses) -> np.ndarray:
+        """See :class:`~mmocap_warp.contour.clip.backward_pass.UncoveredMask`."""
+        poses = self._rooting.leave(rooted, np.zeros(3))
+        areas = [self._masks.uncovered(frame, pose).area.sum() for pose in poses]
+        return np.array(areas) / (LASTING_AREA * self._size**2)
+
+    def limbs_reaching(self, frame: int, there: RootedPoses) -> RootedPoses:
+        """See :class:`~mmocap_warp.contour.clip.backward_pass.UncoveredMask`."""
+        pose = self._rooting.leave(there, np.zeros(3))
+        place = self._masks.uncovered(frame, pose[0]).place
+        starts = self._masks.starts.reaching(pose.astype(np.float32), np.array([frame]), [place])[0]
+        return self._rooting.refold(self._rooting.enter(starts))
 
     def _area_costs(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
         """(pose,) what the masks of frames and the body in a pose for each do not cover of each other."""

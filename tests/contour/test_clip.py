@@ -94,6 +94,27 @@ def test_live_poses_are_nearly_those_of_the_whole_clip():
     assert case.shake(solution) < 1.3 * case.shake(whole.rooted)
 
 
+def test_live_frames_are_solved_with_all_that_their_penalty_looks_back_on(monkeypatch):
+    case, held = Case(frames=20), []
+    solved = ClipProblem.solved_together
+
+    def spied(problem, frames, rooted, before, passes):
+        held.append(len(before))
+        return solved(problem, frames, rooted, before, passes)
+
+    monkeypatch.setattr(ClipProblem, "solved_together", spied)
+    live = FixedLag(case.problem)
+    for frame in range(20):
+        live.add(case.start[frame : frame + 1])
+    assert held == [0, clip.HELD, clip.HELD]
+
+
+def test_a_window_that_shows_nothing_to_its_end_is_cut_all_the_same():
+    observed = np.arange(120) < 40
+    assert clip._final_frames(observed, 24) == 96
+    assert clip._final_frames(np.arange(120) < 70, 24) == 70
+
+
 @pytest.mark.parametrize("hidden", [range(20, 32), range(12), range(50, 60)], ids=["within", "first", "last"])
 def test_frames_that_show_nothing_are_filled_and_named(hidden):
     case = Case(hidden=hidden)

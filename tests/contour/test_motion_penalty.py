@@ -133,3 +133,13 @@ def test_a_motion_that_lasts_weighs_less_than_noise_that_is_as_large():
         return float(np.abs(coupled).mean())
 
     assert pull(np.full(10, 5.0)) < 0.1 * pull(5.0 * (-1.0) ** np.arange(10))
+
+
+def test_what_nothing_shows_is_as_fast_as_hands_and_feet():
+    """Half for an acceleration of 14.4 m/s^2, and half for a speed of 3 m/s."""
+    rate = 24.0
+    place = np.array([0.0, 0.0, 14.4 / rate**2])
+    points = np.zeros((3, 4, 3))
+    points[:, :, 2] = place[:, None]
+    cost = MotionPenalty(1e-3, rate).around(points, np.zeros((3, 4, 3, 1)), np.zeros(3, bool)).cost
+    np.testing.assert_allclose(cost, [0.0, 0.0, 0.5 + 0.5 * (14.4 / rate / 3.0) ** 2])

@@ -100,6 +100,14 @@ def test_how_coordinates_leave_is_by_finite_differences():
         np.testing.assert_allclose(derivative[:, :, number], slope, atol=1e-6)
 
 
+def test_leaving_goes_on_beyond_a_quarter_turn():
+    """Two triples of angles mean each rotation; the one that is nearest to the frame before is beyond its quarter."""
+    pose = poses(12)
+    pose[:, 4] = np.linspace(1.2, 2.1, 12)
+    rooting = Rooting(SKELETON, HOME, SEARCHED)
+    np.testing.assert_allclose(rooting.leave(rooting.enter(pose), pose[0, 3:6]), pose, atol=1e-9)
+
+
 def test_the_first_and_the_last_pose_have_a_neighbour_on_one_side():
     course = Rooting(SKELETON, HOME, SEARCHED).enter(poses(4))
     around = Neighbours.of(course, np.arange(4), 30.0)

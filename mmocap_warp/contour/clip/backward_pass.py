@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Protocol
 
 import numpy as np
 
@@ -23,6 +24,17 @@ DescendFrames = Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarra
 """Poses that contours lead to from some, each in its frame (pose,), and what they cost (pose,)."""
 PairsFromRest = Callable[[int, RootedPoses], RootedPoses]
 """Poses of a frame that contours lead to from one (1,) with each pair of limbs at rest."""
+
+
+class UncoveredMask(Protocol):
+    """Tells of mask area that a pose leaves uncovered and that several views agree on."""
+
+    def area(self, frame: int, rooted: RootedPoses) -> np.ndarray:
+        """(pose,) how much poses in a frame leave uncovered, in units of what makes a limb doubtful."""
+
+    def limbs_reaching(self, frame: int, there: RootedPoses) -> RootedPoses:
+        """Poses like one (1,) of a frame with limbs that reach to what it leaves uncovered."""
+
 
 AreaCost = Callable[[np.ndarray, RootedPoses], np.ndarray]
 """What frames' masks and the body in a pose for each do not cover of each other (frame,)."""
@@ -39,6 +51,7 @@ _RECALLS_A_PAIR_FIT = 5  # every so many-th of these frames, pairs of limbs are 
 _MEMORY_INTERVAL = 0.25  # seconds between the frames that limbs are recalled from
 _BEST_RECALLED = 6  # recalled limbs that are fitted: those whose areas cost least
 _LARGEST_COST_RATIO = 0.95  # a pose replaces another one if its cost is at most this share
+_UNCOVERED_COST = 0.15  # share that an uncovered area which makes a limb doubtful adds to what a pose costs
 _NO_AREA = 1e-6  # an area that is as good as none
 _ACCELERATION = 36.0  # standard deviation of a joint's acceleration [m/s^2]: frames by themselves shake by 10 mm
 
@@ -56,6 +69,7 @@ class BackwardPass:
         areas: what contours do not see: a limb that hides in the trunk has no outline there, and so no error.
         limbs: the coordinates (coordinate,) of each.
         pairs_from_rest: how pairs of limbs are fitted from rest; None where there are none.
+        uncovered: tells of limbs that masks show and the body does not; None to do without.
     """
 
     descend: DescendFrames
@@ -66,6 +80,7 @@ class BackwardPass:
     areas: AreaCost
     limbs: Sequence[np.ndarray]
     pairs_from_rest: PairsFromRest | None = None
+    uncovered: UncoveredMask | None = None
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
         """For each frame the pose known or the one found on the way back: those that together cost least.
@@ -99,6 +114,8 @@ class BackwardPass:
         costs = np.zeros((2, len(held) + len(frames)))
         costs[:, len(held) :] = cost, self.linearise(frames, back).cost
         costs[:, len(held) + np.flatnonzero(different)] += self._area_costs(frames, ahead, back, different, cost)
+        if self.uncovered:
+            self._add_uncovered(self.uncovered, frames, (ahead, back), np.flatnonzero(different), costs[:, len(held) :])
         scale = self.rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
         both = (held.followed_by(poses.interpolated(seen)) for poses in (ahead, back))
         place = np.stack([scale * self.points.at(poses).reshape(len(poses), -1) for poses in both])
@@ -119,6 +136,20 @@ class BackwardPass:
         scaled: np.ndarray = both * (cost[different].sum() / max(both[0].sum(), _NO_AREA))
         return scaled
 
+    def _add_uncovered(
+        self,
+        uncovered: UncoveredMask,
+        frames: np.ndarray,
+        answers: tuple[RootedPoses, RootedPoses],
+        different: np.ndarray,
+        costs: np.ndarray,
+    ) -> None:
+        """Let answers that leave masks uncovered cost more (answer, frame), where either leaves enough for a doubt."""
+        for at in different:
+            area = np.array([uncovered.area(int(frames[at]), poses[at : at + 1])[0] for poses in answers])
+            if area.max() >= 1.0:
+                costs[:, at] *= 1.0 + _UNCOVERED_COST * area
+
     def _differ(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
         """(frame,) bool: whether a joint is in another place."""
         apart = self.points.at(one) - self.points.at(other)
@@ -132,6 +163,7 @@ class BackwardPass:
         """
         rooting, way, end = self.rooting, known, int(np.flatnonzero(seen)[-1])
         last = before = rooting.leave(known[end : end + 1], np.zeros(3))[0]
+        area_after = np.inf  # what the recalled frame after this one left uncovered
         for f in reversed(range(end + 1)):
             if not seen[f]:
                 continue
@@ -143,6 +175,14 @@ class BackwardPass:
                 better = self._with_limb_recalled(int(frames[f]), there, known[seen])
             if self.pairs_from_rest and not better and (end - f) % (_RECALLS_A_PAIR_FIT * self._recall_frames) == 0:
                 better = self._better(int(frames[f]), there, self.pairs_from_rest(int(frames[f]), there))
+            if self.uncovered and (end - f) % self._recall_frames == 0:
+                area = self.uncovered.area(int(frames[f]), better or there)[0]
+                if (
+                    not better and min(area, area_after) >= 1.0
+                ):  # what one frame alone shows may be a fault of its masks
+                    starts = self.uncovered.limbs_reaching(int(frames[f]), there)
+                    better = self._better(int(frames[f]), there, starts, self.uncovered)
+                area_after = area
             before, last = last, rooting.leave(better or there, last[ROOT_ANGLES])[0]
             if better:
                 before = last  # no motion led there
@@ -193,7 +233,9 @@ class BackwardPass:
             way = way.with_frames(np.array([g]), better)
         return way
 
-    def _better(self, frame: int, there: RootedPoses, starts: RootedPoses) -> RootedPoses | None:
+    def _better(
+        self, frame: int, there: RootedPoses, starts: RootedPoses, uncovered: UncoveredMask | None = None
+    ) -> RootedPoses | None:
         """The best pose (1,) that contours lead to from some, if it is a different answer and clearly costs less."""
         starts = there.followed_by(starts)
         at = np.full(len(starts), frame)
@@ -202,6 +244,8 @@ class BackwardPass:
         areas = self.areas(at, fitted)
         # Scaled so that contours and areas of the pose that is there weigh the same.
         cost = contours * areas[0] + areas * contours[0]
+        if uncovered:
+            cost *= 1.0 + _UNCOVERED_COST * uncovered.area(frame, fitted)
         limit = _LARGEST_COST_RATIO * cost[0]
         cost[~self._differ(fitted, there)] = np.inf
         best = int(np.argmin(cost))

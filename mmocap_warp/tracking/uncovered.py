@@ -1,0 +1,207 @@
+"""Mask area that no body explains, by body part: where a limb is that was lost before the trunk or folded away.
+
+An overlap hardly notices a forearm, and no outline of the body tells of mask that the body does not cover. Area counts
+here if it is deep, if the other views' masks agree that something is there, and if two views show it: what one view
+alone shows may be a fault of a mask. Views that show more than limbs beside the body, somebody who passes by or a
+chest, do not count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from mmocap_warp.body.model import SkinMesh, Subject
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.observation import Observation
+
+_CELL = 0.02  # pixels are looked at that are so far apart at the body [m]
+_SPACING = 0.1  # points of the skin are at most so far apart: then none of it is deep [m]
+_DEEP = 0.06  # mask farther than this from every such point is uncovered [m]
+_FAR = 0.5  # what is farther than this from the body is no limb of it [m]
+_REACH = 1.2  # rays are followed so far before and behind the body's middle [m]
+_STEP = 0.03  # between the points of a ray [m]
+_MOST_RAYS = 48  # rays that are followed of a view
+_LEAST_AREA = 0.002  # less than that beside a body is noise of a mask [m^2]
+_LEAST_VIEWS = 4  # so many other views must be there for one of them to be allowed to disagree
+_MOST_AREA = 0.12  # a view that leaves more than that uncovered shows somebody or something else [m^2]
+
+LOOK_INTERVAL = 0.1
+"""Seconds between the frames that are looked at, at most."""
+CLEAR_AREA = 0.006
+"""Area above the usual that says by itself that a limb is lost [m^2], in a body as large as a person."""
+LASTING_AREA = 0.002
+"""The same, where the area stays for some looks [m^2]."""
+LARGEST_USUAL_AREA = 0.01
+"""More than this near a part is never usual [m^2]: it may be a limb that is wrong in all frames."""
+WIDE_SIGMA = 0.15
+"""Least standard deviation of a joint of a part in doubt, along each axis [m]."""
+_USUAL_SHARE = 0.2  # of all looks at a clip, those that show less uncovered area than usual
+_LOOKS = 5  # in a row, in the median of which area has to last
+_BLAMED_SHARE = 0.3  # of the area, what is near a part that is in doubt
+
+
+@dataclass(frozen=True, eq=False)
+class Uncovered:
+    """What one frame's masks show beside a body.
+
+    Attributes:
+        area: (part,) near each part, in the view that shows second most of it [m^2].
+        place: (n, 3) where it is, about the middle of what the masks leave open [m].
+        nearest: (n,) the body's part that is nearest to each place.
+    """
+
+    area: np.ndarray
+    place: np.ndarray
+    nearest: np.ndarray
+
+
+def look_interval(rate: float) -> int:
+    """Frames from one that is looked at to the next."""
+    return max(1, int(LOOK_INTERVAL * rate))
+
+
+class UncoveredArea:
+    """Finds mask area that a posed body does not cover.
+
+    Args:
+        subject: the body, and the base of its root.
+        rig: undistorted cameras at the masks' size.
+    """
+
+    def __init__(self, subject: Subject, rig: CameraRig) -> None:
+        body, mesh = subject.body, subject.body.tracking
+        self._rig, self._parts = rig, len(body.skeleton.parts)
+        self._corner, self._share = _points_of_faces(mesh, _SPACING * body.relative_size)
+        part = np.array(body.skeleton.part)[mesh.heaviest_joint]
+        self._part = np.concatenate([part, part[self._corner[:, 0]]])
+        self._poser = Poser(replace(body, skin=mesh), subject.root_base)
+        self._size = body.relative_size
+        self._lens = rig.K @ rig.R, np.einsum("kij,kj->ki", rig.K, rig.t)
+
+    def of(self, pose: np.ndarray, observation: Observation) -> Uncovered:
+        """The area beside one pose (coordinate,)."""
+        skin = self._poser.vertices(pose)[0].astype(float)
+        skin = np.concatenate([skin, np.einsum("nc,ncx->nx", self._share, skin[self._corner])])
+        middle = skin.mean(axis=0)
+
+        # What is beside the body in each view. A view with more than limbs there shows somebody or something else.
+        beside: dict[int, tuple[np.ndarray, float, float]] = {}  # pixels, the area of each [m^2], the body's depth [m]
+        for k in np.flatnonzero(observation.foreground > 0).tolist():
+            depth = float(self._rig.R[k, 2] @ middle + self._rig.t[k, 2])
+            if depth <= 0:
+                continue
+            scale = self._rig.K[k, 0, 0] / depth
+            step = max(1, int(_CELL * self._size * scale))
+            pixels = step * self._beside(k, skin, observation, step, _DEEP * self._size * scale)
+            if len(pixels) * (step / scale) ** 2 <= _MOST_AREA * self._size**2:
+                beside[k] = pixels, (step / scale) ** 2, depth
+
+        # Of that, what the other views agree on, near the body.
+        seen = np.array(list(beside), int)
+        area, places = np.zeros((max(2, len(self._rig)), self._parts)), [np.empty((0, 3))]
+        nearest = [np.empty(0, int)]
+        for k, (pixels, pixel, depth) in beside.items():
+            if len(pixels) * pixel < _LEAST_AREA * self._size**2:
+                continue
+            every = -(-len(pixels) // _MOST_RAYS)
+            place = self._agreed_on(k, pixels[::every], depth, seen[seen != k], observation)
+            if not len(place):
+                continue
+            apart = ((place[:, None] - skin[None, ::4]) ** 2).sum(axis=2)
+            near = apart.min(axis=1) < (_FAR * self._size) ** 2
+            place, part = place[near], self._part[::4][apart[near].argmin(axis=1)]
+            np.add.at(area[k], part, every * pixel)
+            places.append(place)
+            nearest.append(part)
+        # The view with the second most area decides: one view alone may have a fault of its mask.
+        second = np.argsort(area.sum(axis=1), kind="stable")[-2]
+        return Uncovered(area[second], np.concatenate(places), np.concatenate(nearest))
+
+    def _beside(self, k: int, skin: np.ndarray, observation: Observation, step: int, deep: float) -> np.ndarray:
+        """Cells (n, 2) of a view's mask, column and row, that are deeper than ``deep`` px beside the body's skin."""
+        width, height = self._rig.size[k]
+        words = np.ascontiguousarray(observation.words[k, :height:step])
+        mask: np.ndarray = np.unpackbits(words.view("u1"), axis=-1, bitorder="little")[:, :width:step]
+        cells = np.rint(self._projected(k, skin) / step)
+        inside = ((cells >= 0) & (cells < mask.shape[::-1])).all(axis=1)
+        column, row = cells[inside].astype(int).T
+        covered = np.zeros(mask.shape, np.uint8)
+        covered[row, column] = 1
+        radius = max(1, round(deep / step))
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+        return np.argwhere(mask & (cv2.dilate(covered, kernel) == 0))[:, ::-1]
+
+    def _agreed_on(
+        self, k: int, pixels: np.ndarray, depth: float, others: np.ndarray, observation: Observation
+    ) -> np.ndarray:
+        """(n, 3) where the other views' masks agree with pixels (m, 2) of a view, in the middle along each ray [m]."""
+        rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(self._rig.K[k]).T
+        reach, step = _REACH * self._size, _STEP * self._size
+        depths = np.arange(max(depth - reach, step), depth + reach, step)
+        points = ((rays[:, None] * depths[:, None]).reshape(-1, 3) - self._rig.t[k]) @ self._rig.R[k]
+        agree = np.zeros(len(points), int)
+        for j in others:
+            width, height = self._rig.size[j]
+            column, row = np.nan_to_num(np.rint(self._projected(j, points)), nan=-1.0).clip(-1, 1e6).astype(int).T
+            within = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+            word = observation.words[j, np.where(within, row, 0), np.where(within, column, 0) // 32]
+            agree += ~within | (word >> (column % 32).astype(np.uint32) & 1).astype(bool)
+        needed = max(2, len(others) - (len(others) >= _LEAST_VIEWS))
+        hit = (agree >= needed).reshape(len(rays), -1)
+        order = np.cumsum(hit, axis=1)
+        at = (order >= (order[:, -1:] + 1) // 2).argmax(axis=1)  # the middle one of those that hit
+        found: np.ndarray = points.reshape(len(rays), -1, 3)[np.arange(len(rays)), at][hit.any(axis=1)]
+        return found
+
+    def _projected(self, k: int, points: np.ndarray) -> np.ndarray:
+        """Pixels (n, 2) of points (n, 3); NaN behind the camera."""
+        turn, shift = self._lens
+        seen = points @ turn[k].T + shift[k]
+        pixels: np.ndarray = seen[:, :2] / np.where(seen[:, 2:] > 0, seen[:, 2:], np.nan)
+        return pixels
+
+
+def parts_in_doubt(size: float, looked: np.ndarray, area: np.ndarray, frames: int) -> np.ndarray:
+    """(frame, part) bool: parts near mask area that nothing explains, for a moment in plenty or for a while.
+
+    Args:
+        size: the body's size, as a share of a person's.
+        looked: (look,) positions of the frames that were looked at, ascending.
+        area: (look, part) mask area that is uncovered near each part [m^2].
+        frames: how many frames there are.
+    """
+    # More area than usual, at once or for several looks.
+    usual = np.minimum(np.quantile(area, _USUAL_SHARE, axis=0), LARGEST_USUAL_AREA * size**2)
+    excess = np.maximum(area - usual, 0.0)
+    total = excess.sum(axis=1)
+    padded = np.pad(total, _LOOKS // 2, mode="edge")
+    lasting = np.median(np.lib.stride_tricks.sliding_window_view(padded, _LOOKS), axis=1)
+    doubtful = (total > CLEAR_AREA * size**2) | (lasting > LASTING_AREA * size**2)
+    # It is put down to the parts that most of it is near, over the looks around.
+    around = np.stack([excess[max(i - _LOOKS // 2, 0) : i + _LOOKS // 2 + 1].sum(axis=0) for i in range(len(excess))])
+    blamed = (around >= _BLAMED_SHARE * around.sum(axis=1, keepdims=True)) & doubtful[:, None]
+    # A limb is lost before it stands out, and back after it did: the looks before and after are in doubt, too.
+    beside = np.pad(blamed, ((1, 1), (0, 0)))
+    blamed = beside[:-2] | blamed | beside[2:]
+    after = np.searchsorted(looked, np.arange(frames)).clip(max=len(looked) - 1)
+    doubt: np.ndarray = blamed[after] | blamed[np.maximum(after - 1, 0)]
+    return doubt
+
+
+def _points_of_faces(mesh: SkinMesh, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points on triangles that are larger than a spacing [m]: their corners (n, 3), and the share of each (n, 3)."""
+    corners = mesh.rest[mesh.face]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    divisions = np.ceil(longest / spacing).astype(int)
+    corner, share = [np.empty((0, 3), int)], [np.empty((0, 3))]
+    for n in np.unique(divisions[divisions > 1]):
+        i, j = (axis.ravel() for axis in np.mgrid[: n + 1, : n + 1])
+        grid = np.stack([i, j, n - i - j], axis=1)[i + j <= n] / n
+        faces = mesh.face[divisions == n]
+        corner.append(np.repeat(faces, len(grid), axis=0))
+        share.append(np.tile(grid, (len(faces), 1)))
+    return np.concatenate(corner), np.concatenate(share)

@@ -1,0 +1,165 @@
+"""Each rung of the contour tracker's ladder of recovery rescues a frame that the rungs below it cannot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from random_scenes import perfect_masks
+from synthetic import SKELETON, ring_rig, synthetic_subject
+
+from mmocap_warp.body.posing import joint_positions
+from mmocap_warp.masks.observation import Observation, unpack_masks
+from mmocap_warp.result.result import STATUS, FrameAnswer, Result
+from mmocap_warp.result.verdict import verdict
+from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.uncovered import WIDE_SIGMA
+
+RIG = ring_rig(cameras=4, size=(160, 120))  # a pixel is 25 mm wide
+SUBJECT = synthetic_subject()
+FPS = 60.0
+KNOWN = 6  # frames after which the usual overlap is known, and the second look comes next
+CONFIG = TrackConfig(device="cpu", threads=1)
+
+
+@cache
+def seen(key: tuple[tuple[int, float], ...] = ()) -> Observation:
+    """What is seen of the first pose with some coordinates changed, each by a number."""
+    pose = SUBJECT.pose.copy()
+    for coordinate, change in key:
+        pose[coordinate] += change
+    return Observation.from_masks(list(perfect_masks(SUBJECT, RIG, pose)))
+
+
+def moved(observation_key: tuple[tuple[int, float], ...]) -> np.ndarray:
+    pose = SUBJECT.pose.copy()
+    for coordinate, change in observation_key:
+        pose[coordinate] += change
+    return pose
+
+
+def tracker(monkeypatch=None, **settings) -> ContourTracker:
+    """A tracker that has seen the first pose for some frames; its search finds nothing if it is to be left out."""
+    made = ContourTracker(SUBJECT, RIG, replace(CONFIG, **settings), FPS)
+    for _ in range(KNOWN):
+        made.step(seen())
+    if monkeypatch:
+        monkeypatch.setattr(made.search, "run", lambda: None)
+    return made
+
+
+def status(answer: FrameAnswer) -> str:
+    return STATUS[int(np.ravel(answer.status)[0])]
+
+
+def error(answer: FrameAnswer, truth: np.ndarray) -> float:
+    """How far the farthest joint is off [m]."""
+    away = joint_positions(SUBJECT, answer.pose) - joint_positions(SUBJECT, truth[None])
+    return float(np.linalg.norm(away, axis=-1).max())
+
+
+SHOULDER, ELBOW = SKELETON.angles("LShoulder").start, SKELETON.angles("LElbow").start
+RAISED = ((SHOULDER + 2, 1.0),)
+LOWERED = ((SHOULDER + 2, -1.0),)
+ELSEWHERE = ((0, 1.0), (4, 1.5))
+FOLDED = ((ELBOW + 1, -2.4),)
+
+
+def test_a_frame_that_falls_short_is_searched(monkeypatch):
+    """The arm is too far for the contours, and nothing is scattered."""
+    made = tracker()
+    assert made.step(seen()).evaluations == 0
+    monkeypatch.setattr(made._starts, "scattered", lambda pose, _: np.repeat(pose[:, None], 40, axis=1))
+    answers = [made.step(seen(RAISED)) for _ in range(2)]
+    assert answers[0].evaluations == CONFIG.budget
+    assert error(answers[1], moved(RAISED)) < 0.05
+
+
+def test_a_limb_that_the_search_does_not_find_is_scattered(monkeypatch):
+    answer = tracker(monkeypatch).step(seen(LOWERED))
+    assert status(answer) == "rescued"
+    assert error(answer, moved(LOWERED)) < 0.05
+
+
+def test_a_body_that_stays_lost_is_looked_for_anywhere(monkeypatch):
+    made = tracker(monkeypatch)
+    answers = [made.step(seen(ELSEWHERE)) for _ in range(4)]
+    assert [status(answer) for answer in answers] == ["lost", "lost", "lost", "rescued"]
+    assert error(answers[2], moved(ELSEWHERE)) > 0.5
+    assert error(answers[3], moved(ELSEWHERE)) < 0.05
+
+
+def with_folded_arm(**settings) -> ContourTracker:
+    """A tracker that folded an arm away long ago, so that it overlaps as usual."""
+    made = tracker(**settings)
+    pose = moved(FOLDED)[None].astype(np.float32)
+    levels = np.full_like(made._state.overlap_levels, 0.8)
+    made._state = replace(made._state, pose=pose, previous_pose=pose, overlap_levels=levels)
+    return made
+
+
+def test_an_arm_that_masks_show_is_in_doubt_until_it_is_found():
+    made = with_folded_arm()
+    levels = made._state.overlap_levels
+    answers = [made.step(seen()) for _ in range(KNOWN)]
+    assert {status(answer) for answer in answers} == {"partial"}
+    np.testing.assert_array_equal(made._state.overlap_levels, levels)  # nothing is learnt from frames in doubt
+    found = made.step(seen())
+    assert status(found) == "rescued"
+    assert error(answers[-1], SUBJECT.pose) > 0.4
+    assert error(found, SUBJECT.pose) < 0.1
+    assert status(made.step(seen())) == "tracked"
+
+
+def test_a_tracker_that_never_searches_says_that_an_arm_is_elsewhere():
+    made = with_folded_arm(algorithm="contour")
+    answers = [made.step(seen()) for _ in range(2 * KNOWN + 1)]
+    assert {status(answer) for answer in answers} == {"partial"}
+    assert sum(answer.evaluations for answer in answers) == 0
+
+
+def test_a_fault_of_one_view_is_no_limb_that_is_exposed():
+    """A block is cut out of one view: there the body is exposed, and the second longest outline is that of others."""
+    masks = unpack_masks(seen().words, RIG.size)
+    masks[1] = masks[1].copy()
+    masks[1][80:] = False
+    made = tracker()
+    level = made._state.overlap_levels
+    made._state = replace(made._state, overlap_levels=np.full_like(level, 0.8))
+    assert made.step(Observation.from_masks(masks)).evaluations == 0
+
+
+@pytest.mark.parametrize(("change", "expected"), [(LOWERED, "rescued"), (ELSEWHERE, "lost")])
+def test_the_result_says_what_happened(change, expected):
+    frames = [*[seen()] * KNOWN, *[seen(change)] * 2]
+    result = track_observations(SUBJECT, RIG, frames, FPS, replace(CONFIG, smooth=0.0))
+    assert [STATUS[each] for each in result.status[0, :KNOWN]] == ["tracked"] * KNOWN
+    assert STATUS[result.status[0, KNOWN]] == expected
+
+
+def folded_clip() -> Result:
+    """A clip by a tracker that never searches, from a pose with a folded arm that contours do not bring back."""
+    folded = replace(SUBJECT, pose=moved(FOLDED))
+    return track_observations(folded, RIG, [seen()] * 12, FPS, replace(CONFIG, algorithm="contour"))
+
+
+def test_a_clip_without_second_opinion_names_the_limb_that_is_in_doubt(monkeypatch):
+    monkeypatch.setattr("mmocap_warp.tracking.smoothing.BackwardPass", lambda *_: None)
+    result = folded_clip()
+    assert {STATUS[each] for each in result.status[0]} == {"partial"}
+    assert verdict(result)["parts"] == {"left arm": list(range(12))}
+    sigma = result.joint_sigma[0]
+    assert (sigma[:, SKELETON.index("LWrist")] >= WIDE_SIGMA).all()
+    assert (sigma[:, SKELETON.index("RWrist")] < WIDE_SIGMA / 2).all()
+
+
+def test_a_second_opinion_finds_a_limb_that_no_frame_knew():
+    result = folded_clip()
+    assert np.linalg.norm(result.raw_pose - SUBJECT.pose, axis=2).min() > 1.0
+    away = joint_positions(SUBJECT, result.pose[0]) - joint_positions(SUBJECT, SUBJECT.pose[None])
+    assert np.linalg.norm(away, axis=-1).max() < 0.12
+    assert {STATUS[each] for each in result.status[0]} == {"tracked"}

@@ -40,6 +40,7 @@ LARGEST_USUAL_AREA = 0.01
 WIDE_SIGMA = 0.15
 """Least standard deviation of a joint of a part in doubt, along each axis [m]."""
 _USUAL_SHARE = 0.2  # of all looks at a clip, those that show less uncovered area than usual
+_MOST_DOUBTFUL = 0.75  # share of a clip's looks that a lost limb may stand out in
 _LOOKS = 5  # in a row, in the median of which area has to last
 _BLAMED_SHARE = 0.3  # of the area, what is near a part that is in doubt
 
@@ -181,6 +182,9 @@ def parts_in_doubt(size: float, looked: np.ndarray, area: np.ndarray, frames: in
     padded = np.pad(total, _LOOKS // 2, mode="edge")
     lasting = np.median(np.lib.stride_tricks.sliding_window_view(padded, _LOOKS), axis=1)
     doubtful = (total > CLEAR_AREA * size**2) | (lasting > LASTING_AREA * size**2)
+    # What stands out nearly always is no limb that was lost, but something that the body lacks: a skirt, a bag, a stick.
+    if doubtful.mean() > _MOST_DOUBTFUL:
+        return np.zeros((frames, area.shape[1]), bool)
     # It is put down to the parts that most of it is near, over the looks around.
     around = np.stack([excess[max(i - _LOOKS // 2, 0) : i + _LOOKS // 2 + 1].sum(axis=0) for i in range(len(excess))])
     blamed = (around >= _BLAMED_SHARE * around.sum(axis=1, keepdims=True)) & doubtful[:, None]

@@ -182,7 +182,7 @@ def parts_in_doubt(size: float, looked: np.ndarray, area: np.ndarray, frames: in
     padded = np.pad(total, _LOOKS // 2, mode="edge")
     lasting = np.median(np.lib.stride_tricks.sliding_window_view(padded, _LOOKS), axis=1)
     doubtful = (total > CLEAR_AREA * size**2) | (lasting > LASTING_AREA * size**2)
-    # What stands out nearly always is no limb that was lost, but something that the body lacks: a skirt, a bag, a stick.
+    # What stands out nearly always is no lost limb, but something that the body lacks: a skirt, a bag, a stick.
     if doubtful.mean() > _MOST_DOUBTFUL:
         return np.zeros((frames, area.shape[1]), bool)
     # It is put down to the parts that most of it is near, over the looks around.

@@ -52,12 +52,10 @@ class Uncovered:
     Attributes:
         area: (part,) near each part, in the view that shows second most of it [m^2].
         place: (n, 3) where it is, about the middle of what the masks leave open [m].
-        nearest: (n,) the body's part that is nearest to each place.
     """
 
     area: np.ndarray
     place: np.ndarray
-    nearest: np.ndarray
 
 
 def look_interval(rate: float) -> int:
@@ -104,7 +102,6 @@ class UncoveredArea:
         # Of that, what the other views agree on, near the body.
         seen = np.array(list(beside), int)
         area, places = np.zeros((max(2, len(self._rig)), self._parts)), [np.empty((0, 3))]
-        nearest = [np.empty(0, int)]
         for k, (pixels, pixel, depth) in beside.items():
             if len(pixels) * pixel < _LEAST_AREA * self._size**2:
                 continue
@@ -117,10 +114,9 @@ class UncoveredArea:
             place, part = place[near], self._part[::4][apart[near].argmin(axis=1)]
             np.add.at(area[k], part, every * pixel)
             places.append(place)
-            nearest.append(part)
         # The view with the second most area decides: one view alone may have a fault of its mask.
         second = np.argsort(area.sum(axis=1), kind="stable")[-2]
-        return Uncovered(area[second], np.concatenate(places), np.concatenate(nearest))
+        return Uncovered(area[second], np.concatenate(places))
 
     def _beside(self, k: int, skin: np.ndarray, observation: Observation, step: int, deep: float) -> np.ndarray:
         """Cells (n, 2) of a view's mask, column and row, that are deeper than ``deep`` px beside the body's skin."""

@@ -38,7 +38,7 @@ class Undistortion:
         """Whether the samples are the pixels of an image of the map's size, as of a lens without distortion."""
         column, row = np.moveaxis(self.position, -1, 0)
         return not (
-            self.fraction.any() or (column != np.arange(column.shape[1])).any() or (row.T != np.arange(len(row))).any()
+            self.fraction.any() or (column != np.arange(column.shape[1])).any() or (np.arange(len(row)) != row.T).any()
         )
 
     def image(self, image: np.ndarray) -> np.ndarray:

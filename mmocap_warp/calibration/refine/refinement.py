@@ -21,7 +21,7 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, RESPECT, changed
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, changed, groups_of
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, landmarks
 from mmocap_warp.cameras.rig import CameraRig
@@ -142,10 +142,9 @@ def _select_and_judge(adjustment: Adjustment, change: np.ndarray, person: Person
     sigma = adjustment.sigma_with_fixed(fixed)
     solution = adjustment.solve(change, person, sigma, again=True)
     free = solution.free
-    group = RESPECT + (RESPECT.max() + 1) * np.arange(len(free))[:, None]
     moved, determined, deviation = np.zeros(free.shape, bool), ~free, np.zeros(free.shape)
     moved[free], determined[free], deviation[free] = select_parameters(
-        solution.change[free], solution.covariance, sigma[free], group[free]
+        solution.change[free], solution.covariance, sigma[free], groups_of(len(free))[free]
     )
     # Solve once more for these alone.
     change, beta = np.where(moved, solution.change, 0.0), solution.beta

@@ -37,6 +37,9 @@ STATED = 0.5
 """Share of one frame's standard deviations that is stated for all frames: measured on made people, moving or not."""
 CLEAR = 4.0
 """Standard deviations by which parameters that belong together must differ from where they were, in the mean."""
+_MAX_LEFT = (
+    0.7  # mean distance, in a frame's deviations, of what stays: 0.25 to 0.55 beside one wrong camera, else 0.84 on
+)
 _NEGLIGIBLE_COST = 0.5 * CLEAR**2  # cost in a frame that one parameter must explain to be clear
 UNDETERMINED = 0.7
 """A parameter known no better than this share of its prior standard deviation is not determined."""
@@ -158,10 +161,11 @@ def _select_and_judge(
     moved[free], determined[free], deviation[free] = select_parameters(
         solution.change[free], solution.covariance, sigma[free], group[free]
     )
-    # Cameras that stay where most others turn may be the wrong ones, so they may turn as well.
-    if fixed is None and implausible(moved):
-        respect = max(map(int, np.unique(RESPECT)), key=lambda each: moved[:, RESPECT == each].any(axis=1).sum())
-        moved |= ~moved.any(axis=1)[:, None] & (respect == RESPECT) & free
+    # Where all cameras are a little off, none of them may stay: the world would be wrong by as much as that one.
+    stayed = free & ~moved
+    if fixed is None and moved.any() and mean_distance(solution, stayed) > _MAX_LEFT:
+        respect = max(map(int, np.unique(RESPECT)), key=lambda each: moved[:, each == RESPECT].any(axis=1).sum())
+        moved |= (respect == RESPECT) & free
     # Solve once more for these alone.
     change, beta = np.where(moved, solution.change, 0.0), solution.beta
     if moved.any():
@@ -176,6 +180,14 @@ def _select_and_judge(
     full[:, CENTRE] = 1.0 / adjustment.footage.scale
     rig = changed(adjustment.scene.calibrated, full * change)
     return Refinement(rig, full * change, STATED * full * deviation, moved, ~determined, fixed, before, after)
+
+
+def mean_distance(solution: CameraSolution, some: np.ndarray) -> float:
+    """Mean Mahalanobis distance of ``some`` (camera, parameter) of the free parameters from zero, all together."""
+    own = some[solution.free]
+    value = solution.change[some]
+    squared = value @ np.linalg.solve(solution.covariance[np.ix_(own, own)], value)
+    return float(np.sqrt(squared / max(1, len(value))))
 
 
 def implausible(moved: np.ndarray) -> bool:

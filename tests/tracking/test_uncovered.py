@@ -30,7 +30,7 @@ def masks() -> list[np.ndarray]:
 
 
 def beside(seen: list[np.ndarray]) -> Uncovered:
-    return area_finder().of(SUBJECT.pose, Observation.from_masks(seen))
+    return area_finder().of(SUBJECT.pose[None], Observation.from_masks(seen))[0]
 
 
 def with_cube(side: float, views: tuple[int, ...] = (0, 1, 2, 3)) -> tuple[list[np.ndarray], np.ndarray]:

@@ -21,7 +21,7 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, RESPECT, changed
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, changed, groups_of
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, landmarks
 from mmocap_warp.cameras.rig import CameraRig
@@ -157,10 +157,9 @@ def _select_and_judge(
     # Which parameters have to change.
     solution = adjustment.solve(change, person, sigma, again=True)
     free = solution.free
-    group = RESPECT + (RESPECT.max() + 1) * np.arange(len(free))[:, None]
     moved, determined, deviation = np.zeros(free.shape, bool), ~free, np.zeros(free.shape)
     moved[free], determined[free], deviation[free] = select_parameters(
-        solution.change[free], solution.covariance, sigma[free], group[free]
+        solution.change[free], solution.covariance, sigma[free], groups_of(len(free))[free]
     )
     # Where all cameras are a little off, none of them may stay: the world would be wrong by as much as that one.
     stayed = free & ~moved

@@ -100,10 +100,11 @@ def evaluate(call: Any) -> Answer:
     return Answer(report, [summary(report)], OK if good else CHECK_FAILED)
 
 
-@command("show:show", order="output scene", result=Path, frames=ResultFrames)
+@command("show:show", order="output scene whole slow deviations strip", result=Path, frames=ResultFrames)
 def show(call: Any) -> Answer:
     drawn = call()
-    files = {"sheet": drawn.sheet} if drawn.video is None else {"video": drawn.video, "sheet": drawn.sheet}
+    known = {"video": drawn.video, "sheet": drawn.sheet, "strip": drawn.strip}
+    files = {kind: file for kind, file in known.items() if file is not None}
     return Answer({**files, **drawn.report}, [*files.values(), *_judgement(drawn.report)])
 
 

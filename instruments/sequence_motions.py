@@ -16,7 +16,7 @@ from made_spins import SPINS, spinning
 from made_walks import Walk, walking_around
 
 from mmocap_warp.study.sequences import CLIP_PLANS, FPS, Motion
-from mmocap_warp.synthesis.motion.key_poses import MOTIONS, PASSER_BY_RATE
+from mmocap_warp.synthesis.motion.key_poses import MOTIONS, PASSER_BY_RATE, pack_poses
 from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS
 
 
@@ -52,4 +52,4 @@ def made_motion(name: str) -> np.ndarray:
 
 if __name__ == "__main__":
     MOTIONS.parent.mkdir(exist_ok=True)
-    np.savez_compressed(MOTIONS, **{name: made_motion(name) for name in (*ACTIONS, "passer-by")})
+    np.savez_compressed(MOTIONS, **{name: pack_poses(made_motion(name)) for name in (*ACTIONS, "passer-by")})

@@ -27,7 +27,7 @@ from mmocap_warp.whole_file import native_path
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-7  # of processor time that a file may take
 _BYTES, _BYTES_PER_BYTE = 2**30, 16  # of memory that a file may take
 _PATIENCE = 12.0  # wall clock's seconds to wait for one of the processor's: the machine may be busy
-_IDLE_SECONDS = 20.0  # after which the worker ends
+_IDLE_SECONDS = 120.0  # after which the worker ends: starting one takes half a second of a processor
 _DONE = "done"
 _REMEDY = "it is damaged: write or copy it again"
 _START = "import sys; sys.path[:] = sys.argv[1:]; from mmocap_warp.formats.sandbox import _serve; _serve()"
@@ -86,7 +86,7 @@ def _settings() -> dict[str, str]:
 
 
 class _Worker:
-    """The process that reads first; it is started when it is needed. Systems that are not POSIX do without."""
+    """The process that reads first; it is started when it is needed. Windows does without."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -99,8 +99,6 @@ class _Worker:
         Raises:
             InputError: what its reader raised; the file ended it, or took too much.
         """
-        if os.name != "posix":
-            return
         seconds, memory = _SECONDS + size * _SECONDS_PER_BYTE, _BYTES + size * _BYTES_PER_BYTE
         with self._lock:
             request = {"reader": reader, "path": path, "folder": os.getcwd(), "settings": _settings()}
@@ -110,6 +108,8 @@ class _Worker:
 
     def _ask(self, request: str, seconds: float) -> str:
         """What is wrong with the file, "" for nothing. A worker that was idle and has ended is started again."""
+        if sys.platform == "win32":
+            return ""  # it limits neither time nor memory of a process: the file is read as it is
         for _ in range(2):
             process = self._process()
             if process.stdin is None or process.stdout is None:
@@ -166,6 +166,8 @@ _worker = _Worker()
 
 def _serve() -> None:
     """Be the worker: read what is asked for on stdin, a JSON object a line, and answer each on stdout."""
+    if sys.platform == "win32":
+        return
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print must not get among the answers
@@ -195,6 +197,8 @@ def _limit_memory(more: int) -> None:
 
     Writable memory is counted, and not what is merely reserved: a thread's heap reserves 64 MB, whatever it holds.
     """
+    if sys.platform == "win32":
+        return
     import resource
 
     table = Path("/proc/self/statm")

@@ -30,7 +30,14 @@ from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 from mmocap_warp.synthesis.footage.faults import draw_silhouettes
 from mmocap_warp.synthesis.footage.outlines import Surface, fill
 from mmocap_warp.synthesis.footage.segmentation import Contrast, segment
-from mmocap_warp.synthesis.motion.key_poses import MOTIONS, MOTIONS_SHA256, minimum_jerk, stored_poses
+from mmocap_warp.synthesis.motion.key_poses import (
+    MOTIONS,
+    MOTIONS_SHA256,
+    minimum_jerk,
+    pack_poses,
+    stored_poses,
+    unpack_poses,
+)
 from mmocap_warp.synthesis.motion.limb_motion import Leg
 
 MOST_SLIDE = 2e-3  # [m/s], mean over a sequence, of the foot that stands
@@ -119,6 +126,15 @@ def test_the_code_names_the_content_of_the_shipped_motions():
     assert hashlib.sha256(MOTIONS.read_bytes()).hexdigest() == MOTIONS_SHA256
     assert sorted(np.load(MOTIONS)) == sorted([*ACTIONS, "passer-by"])
     assert sorted(CLIP_PLANS) == sorted(ACTIONS)
+
+
+@pytest.mark.parametrize("frames", [1, 3, 40])
+def test_packed_poses_keep_their_bits(frames):
+    random = np.random.default_rng(frames)
+    poses = np.cumsum(random.normal(scale=1e-3, size=(frames, 5)), axis=0)
+    poses[:, 3] = [-0.0, 5e-324, -1e300][frames % 3]
+    poses[:, 4] = random.choice([-1.0, 1.0], frames) * 10.0 ** random.integers(-300, 300, frames)
+    assert unpack_poses(pack_poses(poses)).tobytes() == poses.tobytes()
 
 
 def test_hands_are_fast_in_boxing_and_nothing_else_moves_in_gestures(sequence):

@@ -45,7 +45,7 @@ class _Seat:
 
     device: str
     process: BaseProcess
-    connection: Connection
+    connection: Any  # a Connection, or a PipeConnection on Windows
     failed_starts: int = 0
     ready: bool = False
 
@@ -159,8 +159,8 @@ def _end(seat: _Seat) -> None:
 def _how_it_ended(process: BaseProcess) -> Death:
     process.join(_GRACE)
     code = process.exitcode
-    if code == -signal.SIGKILL:
-        return Death("killed by SIGKILL", f"a system that is short of memory kills so: {LESS_MEMORY}")
-    if code is not None and code < 0:
-        return Death(f"killed by {signal.Signals(-code).name}")
-    return Death(f"ended with exit code {code}")
+    if code is None or code >= 0:
+        return Death(f"ended with exit code {code}")
+    name = signal.Signals(-code).name
+    often = f"a system that is short of memory kills so: {LESS_MEMORY}" if name == "SIGKILL" else ""
+    return Death(f"killed by {name}", often)

@@ -208,7 +208,7 @@ def test_heads_and_feet_give_metres_and_the_floor():
 
 def test_too_few_whole_frames_are_told():
     person = person_before(RIG, polytopes(way())).without(np.arange(FEWEST_FRAMES - 1, 40))
-    with pytest.raises(UnsolvableError, match="11 of 40 frames show the whole person.* at least 12 are needed"):
+    with pytest.raises(UnsolvableError, match=r"11 of 40 frames show the whole person.* at least 12 are needed"):
         standing_view("a", person.head[0], person.foot[0], RIG.K[0], STATURE)
 
 

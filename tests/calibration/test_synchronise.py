@@ -177,7 +177,7 @@ def test_one_camera_and_empty_masks_are_one_clear_line(unsynchronised: Path) -> 
     for file in (unsynchronised / "front").glob("*.png"):
         if file.stem > "0000":
             write_png(file, np.zeros((160, 120), bool))
-    with pytest.raises(InputError, match="show nobody"):
+    with pytest.raises(InputError, match="somebody in fewer than two frames"):
         synchronise(load_scene(unsynchronised, calibrated=False))
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
+from functools import cache
 
 import numpy as np
 from person_skeleton import JOINTS, PARENT, human_skeleton
@@ -67,6 +69,11 @@ def synthetic_body() -> BodyModel:
 
     Each box has its rings blended with the joints at its two ends, as real skin has.
     """
+    return copy.deepcopy(_built_body())  # a test may change its own
+
+
+@cache
+def _built_body() -> BodyModel:
     joints = np.array([_JOINT[name] for name in JOINTS])
     rest, quads, triangles, influence, outward, kept = [], [], [], [], [], []
     for name, end, half_width, half_depth in _BONES:

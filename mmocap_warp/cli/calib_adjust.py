@@ -130,7 +130,7 @@ def _refinement_values(result: Refinement, scene: Scene) -> dict[str, Any]:
 
     return {
         "better": result.better,
-        "fixed": names[result.fixed],
+        "fixed": None if result.fixed is None else names[result.fixed],
         "cameras": {of: {what: parameter(k, kind) for kind, what in enumerate(KINDS)} for k, of in enumerate(names)},
         "offset_s": result.offsets(scene),
         "before": overlaps(result.before),
@@ -150,7 +150,8 @@ def _refinement_lines(result: Refinement) -> list[str]:
         sigma, _ = _in_units(KINDS[kind], result.sigma[k, kind])
         rows.append((names[k], KINDS[kind].replace("_", " "), f"{by:+.2f}", f"{sigma:.2f}", unit))
     lines = [table(rows)] if len(rows) > 1 else ["no camera has to change"]
-    lines.append(f"fixed: {names[result.fixed]}; parameters that are not listed have not changed")
+    fixed = "all cameras in their places" if result.fixed is None else names[result.fixed]
+    lines.append(f"fixed: {fixed}; parameters that are not listed have not changed")
     unknown = [f"{names[k]} {KINDS[kind].replace('_', ' ')}" for k, kind in np.argwhere(result.undetermined)]
     if unknown:
         lines.append(f"not determined by these masks: {', '.join(unknown)}")

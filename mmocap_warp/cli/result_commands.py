@@ -102,15 +102,15 @@ def evaluate(call: Any) -> Answer:
     return Answer(report, [summary(report), *([f"next: {step}"] if step else [])], OK if good else CHECK_FAILED)
 
 
-@command("show:show", order="output scene", result=Path, frames=ResultFrames)
+@command("show:show", order="output scene whole slow deviations strip", result=Path, frames=ResultFrames)
 def show(call: Any, result: Path) -> Answer:
     drawn = call()
-    files = {"sheet": drawn.sheet} if drawn.video is None else {"video": drawn.video, "sheet": drawn.sheet}
+    known = {"video": drawn.video, "sheet": drawn.sheet, "strip": drawn.strip}
+    files = {kind: file for kind, file in known.items() if file is not None}
     lines, values = [*files.values(), *_judgement(drawn.report)], {**files, **drawn.report}
     if drawn.report:
-        values["next"] = drawn.report["verdict"]["next"] or next_step(
-            "export", result, "-o", result.with_suffix(".glb")
-        )
+        export = next_step("export", result, "-o", result.with_suffix(".glb"))
+        values["next"] = drawn.report["verdict"]["next"] or export
         lines.append(f"next: {values['next']}")
     return Answer(values, lines)
 

@@ -28,8 +28,8 @@ from mmocap_warp.scene.frame_choice import as_range
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
-_DRAWN_LENGTH = 800
-"""The longer side of the images that a result is drawn over, at least, where the recording has it [px]."""
+_DRAWN_LENGTH = 1600
+"""The longer side of the images that a result is drawn over, at most, unless it was tracked in larger ones [px]."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,14 @@ class Drawing:
     Attributes:
         video: all frames; None of a subject, which has one.
         sheet: some frames of all cameras, or the subject.
+        strip: the animated strip, where it was asked for.
         report: ``verdict`` and ``iou_by_camera`` as ``evaluate`` gives them; empty of a subject.
     """
 
     video: Path | None
     sheet: Path
     report: dict[str, Any] = field(default_factory=dict)
+    strip: Path | None = None
 
 
 @releases_locks
@@ -54,6 +56,10 @@ def show(
     *,
     output: str | Path | None = None,
     frames: Frames = None,
+    whole: bool = False,
+    slow: float = 1.0,
+    deviations: bool = False,
+    strip: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> Drawing:
@@ -67,29 +73,36 @@ def show(
         output: the video's file, .webm. The sheet, and a subject's picture, have the ending .png. [default: beside the
             result and named after it]
         frames: which of the result's frames. [default: all]
+        whole: show the whole images, not what is around the body over the clip.
+        slow: how many times slower than it was the video plays.
+        deviations: draw ellipses of ten standard deviations at the joints.
+        strip: also write a small animated picture for a README beside the video, .webp.
         force: replace files that exist.
         reporter: who is told of progress.
 
     Raises:
-        UsageError: frames that the result does not have, or no ``output`` for what has no file.
+        UsageError: frames that the result does not have, no ``output`` for what has no file, a wrong ``slow``.
         InputError: the scene is another recording or not there, or a file cannot be written.
     """
     reporter = reporter or Reporter()
     if isinstance(result, Subject) or (isinstance(result, str | Path) and not holds_result(result)):
-        if frames is not None:
-            raise UsageError(
-                "--frames needs a result; a subject is drawn over the frame of its fit: leave --frames out"
-            )
+        if frames is not None or whole or slow != 1.0 or deviations or strip:
+            problem = "--frames, --whole, --slow, --deviations and --strip need a result"
+            raise UsageError(f"{problem}; a subject is drawn over the frame of its fit: leave them out")
         return _show_subject(result, scene, new_file(_beside(result, output, ".png"), ".png", force=force))
+    if not 0.0 < slow < float("inf"):
+        raise UsageError(f"--slow must be above 0, got {slow:g}")
     video = new_file(_beside(result, output, ".webm"), ".webm", force=force)
     sheet = new_file(video.with_suffix(".png"), ".png", force=force)
+    animated = new_file(video.with_suffix(".webp"), ".webp", force=force) if strip else None
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
     start_warp()
     recorded, shown = scene_of(tracked, path, scene, reporter), tracked.at(positions)
-    draw_result(tracked, recorded, video, sheet, reporter, positions)
+    settings = {"strip": animated, "slow": slow, "deviations": deviations}
+    draw_result(tracked, recorded, video, sheet, reporter, positions, whole=whole, **settings)
     judged = verdict(shown, None if recorded is None else recorded.path)
-    return Drawing(video, sheet, {"iou_by_camera": iou_by_camera(shown), "verdict": judged})
+    return Drawing(video, sheet, {"iou_by_camera": iou_by_camera(shown), "verdict": judged}, animated)
 
 
 def _beside(result: object, output: str | Path | None, suffix: str) -> Path:
@@ -123,22 +136,28 @@ def draw_result(
     sheet: Path,
     reporter: Reporter,
     positions: list[int] | None = None,
+    whole: bool = False,
+    **settings: Any,
 ) -> None:
     """Write the overlay video and the contact sheet, over the scene's images and masks where there is a scene.
 
-    They show all frames, or those at ``positions`` in the result. Masks are those that were tracked; images may be
-    larger, so that a result of small masks can still be judged.
+    They show all frames, or those at ``positions`` in the result. Masks are those that were tracked; images are as
+    large as they are shown, so that a result of small masks can still be judged. ``settings`` are further ones of
+    :func:`mmocap_warp.display.result_video.show`.
     """
     positions = list(range(len(result.frame_numbers))) if positions is None else positions
     shown, count, images, masks = result.at(positions), len(positions), None, None
+    layout = result_video.video_layout(shown, whole)
     if scene is not None:
         tracked = float(result.config.get("scale", 1.0))
-        scale = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
+        most = _DRAWN_LENGTH / int(scene.calibrated.size.max())
+        scale = min(1.0, max(tracked, min(layout.scale, most)))
         result_video.check_same_recording(result, scene)
         part = scene.of_frames(as_range(shown.frame_numbers.tolist()))
         images, masks = part.images(scale), tracked_masks(scene, result, positions)
     with reporter.stage("show") as progress:
-        result_video.show(shown, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, count))
+        settings |= {"layout": layout, "progress": lambda done: progress(done, count)}
+        result_video.show(shown, images, masks, video=video, sheet=sheet, **settings)
 
 
 @releases_locks

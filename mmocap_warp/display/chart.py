@@ -15,9 +15,31 @@ from importlib.resources import files
 
 import numpy as np
 
+COLOURS = {
+    "left": ("#007f5b", "#3cc296"),
+    "right": ("#b84c00", "#ff8a3c"),
+    "middle": ("#1b1f24", "#f5f5f5"),
+    "mask": ("#ffd21f", "#ffd21f"),
+    "model": ("#4aa3dc", "#4fb8f5"),
+    "deviations": ("#b5179e", "#ff5cf0"),
+    "truth": ("#6a3fc9", "#b79cff"),
+}
+"""What has one colour in videos, sheets, pages and plots: on white, and on black, where pictures are.
+
+Readers who do not tell red from green see left and right apart, as a bluish green and an orange.
+"""
+
+
+def colour_rules(scope: str) -> str:
+    """CSS that sets the variables ``--left`` and so on of what ``scope`` selects, for light and dark."""
+    light, dark = ("".join(f"--{name}:{both[i]};" for name, both in COLOURS.items()) for i in range(2))
+    return f"{scope}{{{light}}}\n@media(prefers-color-scheme:dark){{{scope}{{{dark}}}}}\n"
+
+
 _STYLES = files("mmocap_warp.display")
 MARKS = (_STYLES / "chart_marks.css").read_text(encoding="utf-8")  # how parts look by their class
-_ALONE = (_STYLES / "chart_alone.css").read_text(encoding="utf-8")  # what a picture on its own needs beside MARKS
+# What a picture on its own needs beside MARKS.
+_ALONE = colour_rules("svg") + (_STYLES / "chart_alone.css").read_text(encoding="utf-8")
 
 _LINE = 15.0  # distance from a line of words to the next
 _DIGIT = 8.0  # width of a digit on an axis, with the room around it

@@ -9,18 +9,22 @@ import numpy as np
 
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.cameras.silhouette import silhouette
+from mmocap_warp.display.chart import COLOURS
 
 Colour = tuple[int, int, int]
 
-# Blue, green, red, as OpenCV orders them.
-MASK_COLOUR: Colour = (0, 150, 255)
-MODEL_COLOUR: Colour = (255, 200, 40)
-LEFT_COLOUR: Colour = (80, 220, 60)
-RIGHT_COLOUR: Colour = (60, 60, 240)
-MIDDLE_COLOUR: Colour = (245, 245, 245)
-SIGMA_COLOUR: Colour = (255, 80, 255)  # of no limb: an ellipse is often smaller than the joint's dot that it lies on
+
+def _on_black(name: str) -> Colour:
+    """Blue, green, red of a colour, as OpenCV orders them."""
+    red, green, blue = bytes.fromhex(COLOURS[name][1][1:])
+    return blue, green, red
+
+
+MASK_COLOUR, MODEL_COLOUR = _on_black("mask"), _on_black("model")
+LEFT_COLOUR, RIGHT_COLOUR = _on_black("left"), _on_black("right")
+SIGMA_COLOUR = _on_black("deviations")  # of no limb: an ellipse is often smaller than the joint's dot that it lies on
 LEGEND = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
-COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
+COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": _on_black("middle")}
 INK: Colour = (235, 235, 235)
 PAPER: Colour = (28, 28, 28)
 _SEEN: Colour = (105, 105, 105)  # foreground where there is no image
@@ -87,6 +91,11 @@ def draw_view(
         scale = np.divide(window.size, window.extent)
         _draw_ellipses(canvas, window.points(joints), spread * np.outer(scale, scale))
     return canvas
+
+
+def text_width(text: str, size: float = 0.45) -> int:
+    """How wide a line is that :func:`write_text` writes [px]."""
+    return cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)[0][0]
 
 
 def write_text(canvas: np.ndarray, text: str, corner: tuple[int, int], colour: Colour = INK, size: float = 0.45) -> int:

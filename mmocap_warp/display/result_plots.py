@@ -10,7 +10,7 @@ import numpy as np
 
 from mmocap_warp.biomechanics.measure_all import Measures
 from mmocap_warp.biomechanics.steps import Foot
-from mmocap_warp.display.chart import Axis, axes, axis, curve, line, picture, text
+from mmocap_warp.display.chart import COLOURS, Axis, axes, axis, curve, line, picture, text
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.pose_errors import nanmedian
 from mmocap_warp.whole_file import write_whole
@@ -21,7 +21,6 @@ _LEGEND = 20.0  # height of the line above the rows
 _LEAST_RANGE = 10.0  # least range of an axis of angles, so that what hardly moves looks so [degrees]
 _MOST_POINTS = 1000  # points of a curve, at most: more than its panel has pixels
 _LEAST_HEIGHT = 100.0  # least range of the axis of the feet's heights [mm]
-_COLOUR = {"left": "first", "right": "second", "middle": "first"}
 
 Curves = dict[str, np.ndarray]  # (frame,) each, by side
 
@@ -61,8 +60,8 @@ def plot_feet(path: Path, measures: Measures) -> None:
     skeleton = measures.result.subject.body.skeleton
     for number, (name, foot) in enumerate(feet.items()):
         track = _track(x, y, seconds, 1000 * foot.height)
-        side = name if name in _COLOUR else skeleton.side(name)
-        parts.append(f'<g class="{_COLOUR[side]}">{track}{_bars(foot, seconds, x, y.at(-12.0 - 9.0 * number))}</g>')
+        side = name if name in COLOURS else skeleton.side(name)
+        parts.append(f'<g class="{side}">{track}{_bars(foot, seconds, x, y.at(-12.0 - 9.0 * number))}</g>')
     write_whole(path, picture((_WIDTH, _LEGEND + 2 * _ROW), "feet over the floor against time", parts).encode())
 
 
@@ -85,7 +84,7 @@ def _panel(label: str, seconds: np.ndarray, curves: Curves, left: float, right: 
     room = max(_LEAST_RANGE - (high - low), 0.1 * (high - low)) / 2
     y = axis(low - room, high + room, top + _ROW - _BOTTOM, top + _TOP, 4)
     x = _time(seconds, left, right)
-    drawn = [f'<g class="{_COLOUR[side]}">{_track(x, y, seconds, angle)}</g>' for side, angle in curves.items()]
+    drawn = [f'<g class="{side}">{_track(x, y, seconds, angle)}</g>' for side, angle in curves.items()]
     return "".join([axes(x, y, "time [s]", label), *drawn])
 
 
@@ -110,10 +109,10 @@ def _bars(foot: Foot, seconds: np.ndarray, x: Axis, height: float) -> str:
 
 def _legend() -> str:
     """The colours of the sides, above the right end."""
-    names = (("first", "left, or middle", 66.0), ("second", "right", 0.0))
+    names = (("left", 110.0), ("right", 60.0), ("middle", 0.0))
     return "".join(
-        f'<g class="{colour}">{text((_WIDTH - _RIGHT - back, _LEGEND - 5), word, "series", "end")}</g>'
-        for colour, word, back in names
+        f'<g class="{side}">{text((_WIDTH - _RIGHT - back, _LEGEND - 5), side, "series", "end")}</g>'
+        for side, back in names
     )
 
 

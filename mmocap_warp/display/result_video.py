@@ -5,22 +5,26 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import repeat
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.display.overlay import ELLIPSE, LEGEND, PAPER, SIGMA_COLOUR, Window, draw_view, write_text
+from mmocap_warp.display.overlay import ELLIPSE, LEGEND, PAPER, SIGMA_COLOUR, Window, draw_view, text_width, write_text
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.image_files import WebmFile, write_png
+from mmocap_warp.formats.image_files import WebmFile, write_animation, write_png
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
-_VIDEO_AREA = (1440, 900)  # size that the tiled views of a video frame fill at most [px]
+_VIDEO_AREA = (1600, 900)  # size that the tiled views of a video frame fill at most, well within a screen [px]
+_TITLE_WIDTH = 640  # width of a video at least, for the line above its views [px]
+_BOX_FRAMES = 500  # frames, at most, from which the part of the image with the body is found
 _HEADER = 30  # height of the line above the views [px]
 _GAP = 4  # gap between tiles [px]
 _SHEET_FRAMES = 8
@@ -28,7 +32,9 @@ _SHEET_ROW = 260  # height of a view in a contact sheet [px]
 _STILL_COLUMNS = 4
 _STILL_SIZE = (600, 600)  # size of the views from four sides [px]
 _STILL_DISTANCE = 3.0  # distance of the four views from the body, in its sizes
-_CROP_MARGIN = 0.12  # margin around the body in a contact sheet, as a share of its size
+_CROP_MARGIN = 0.12  # margin around the body, as a share of its size
+_STRIP_FRAMES, _STRIP_RATE = 48, 20.0  # frames of an animated strip, and frames a second, at most
+_STRIP_SIZE = (960, 240)  # width and height of an animated strip, at most [px]
 
 Images = Iterable[Sequence[np.ndarray | None]]  # per frame, an image for each camera
 
@@ -40,6 +46,10 @@ def show(
     *,
     video: str | Path | None = None,
     sheet: str | Path | None = None,
+    strip: str | Path | None = None,
+    layout: Layout | None = None,
+    slow: float = 1.0,
+    deviations: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> None:
     """Draw the best run over what was seen, in one pass over the recording.
@@ -51,29 +61,45 @@ def show(
         masks: likewise, (height, width) bool. None: draw no mask.
         video: a ``.webm`` of all frames (VP8, which browsers play), or None.
         sheet: a ``.png`` of up to eight frames, a row for each camera, cut to the body, or None.
+        strip: an animated ``.webp`` of the views in a row, small and endless, or None.
+        layout: what the video shows of each camera. None: what is around the body.
+        slow: how many times slower than it was the video and the strip play.
+        deviations: draw ellipses of the joints' standard deviations too, where the result has them.
         progress: called after each frame with the number of frames done.
 
     Raises:
         InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
     """
-    run = result.best_run
-    body = _project_run(result, run)
-    columns, windows = _video_layout(result.cameras)
-    on_sheet = np.unique(np.linspace(0, len(result.frame_numbers) - 1, _SHEET_FRAMES).round().astype(int)).tolist()
-    crops = [_crop(body, k, on_sheet) for k in range(len(result.cameras))]
+    result = result if deviations else replace(result, joint_sigma=None)
+    run, count = result.best_run, len(result.frame_numbers)
+    body, layout = _project_run(result, run), layout or video_layout(result)
+    seconds = slow * count / result.rate
+    on_sheet, on_strip = _spread(count, _SHEET_FRAMES), _spread(count, min(_STRIP_FRAMES, int(_STRIP_RATE * seconds)))
+    crops = _sheet_windows(body, on_sheet)
     cells: list[list[np.ndarray]] = []
+    strips: list[np.ndarray] = []
     with contextlib.ExitStack() as stack:
-        writer = stack.enter_context(WebmFile(video, result.rate)) if video else None
+        writer = stack.enter_context(WebmFile(video, result.rate / slow)) if video else None
         for frame, (seen, masked) in enumerate(_frames_in_step(result, images, masks)):
-            if writer:
-                views = body.views(frame, seen, masked, windows)
-                writer.write(_video_frame(result, run, frame, views, columns))
+            if writer or (strip and frame in on_strip):
+                views = body.views(frame, seen, masked, layout.windows)
+                if strip and frame in on_strip:
+                    strips.append(_strip_frame(views))
+                if writer:
+                    writer.write(_video_frame(result, run, frame, views, layout.columns))
             if sheet and frame in on_sheet:
                 cells.append(body.views(frame, seen, masked, crops))
             if progress is not None:
                 progress(frame + 1)
     if sheet:
         write_png(sheet, _contact_sheet(result, run, on_sheet, cells))
+    if strip:
+        write_animation(strip, strips, seconds / len(strips))
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """Up to ``most`` of ``count`` frames, evenly; one at least."""
+    return np.unique(np.linspace(0, count - 1, max(most, 1)).round().astype(int)).tolist()
 
 
 def overlay(
@@ -137,7 +163,7 @@ def show_subject(
     rig = rig or _rig_around(subject)
     nothing: list[np.ndarray | None] = [None] * len(rig)
     body = _ProjectedBody(subject, rig, subject.pose[None])
-    crops = [_crop(body, k, [0]) for k in range(len(rig))]
+    crops = _sheet_windows(body, [0])
     views = body.views(0, images or nothing, masks or nothing, crops)
     for name, view in zip(rig.names, views, strict=True):
         write_text(view, name, (6, 6), size=0.4)
@@ -247,51 +273,100 @@ def _frames_in_step(result: Result, images: Images | None, masks: Images | None)
         yield both
 
 
-def _video_layout(rig: CameraRig) -> tuple[int, list[Window]]:
-    """Number of columns, and each camera's window, that fill the video's area best."""
-    width, height = rig.size.max(axis=0)
+@dataclass(frozen=True)
+class Layout:
+    """What a video shows: each camera's window, in rows of so many ``columns``."""
 
-    def scale_of(columns: int) -> float:
-        rows = math.ceil(len(rig) / columns)
-        return min(_VIDEO_AREA[0] / (columns * width), _VIDEO_AREA[1] / (rows * height))
+    windows: list[Window]
+    columns: int
 
-    columns = max(range(1, len(rig) + 1), key=scale_of)
-    scale = scale_of(columns)
-    return columns, [
-        Window((0, 0), (w, h), (max(1, round(w * scale)), max(1, round(h * scale)))) for w, h in rig.size.tolist()
-    ]
+    @property
+    def scale(self) -> float:
+        """The scale of the cameras' images at which no window has to be enlarged."""
+        return max(window.size[1] / window.extent[1] for window in self.windows)
 
 
-def _crop(body: _ProjectedBody, k: int, frames: list[int]) -> Window:
-    """Camera ``k``'s window around the body in ``frames``; the whole image if it is never seen there."""
-    width, height = body.rig.size[k].tolist()
-    pixels = np.concatenate([body.vertices(frame)[k] for frame in frames])
-    inside = pixels[np.isfinite(pixels).all(axis=1)]
-    inside = inside[((inside >= 0) & (inside < (width, height))).all(axis=1)]
-    low, high = (inside.min(axis=0), inside.max(axis=0)) if len(inside) else (np.zeros(2), np.array([width, height]))
-    margin = _CROP_MARGIN * (high - low).max() + 1
-    left, top = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
-    right, bottom = np.minimum(np.ceil(high + margin), (width, height)).astype(int).tolist()
-    extent = (right - left, bottom - top)
-    return Window((left, top), extent, (max(1, round(extent[0] * _SHEET_ROW / extent[1])), _SHEET_ROW))
+def video_layout(result: Result, whole: bool = False) -> Layout:
+    """Windows that fill a video: whole images, or what is around the best run's body over the clip.
+
+    Each has a fixed place, so that what stands still in a camera stands still in the video.
+    """
+    sizes, count = result.cameras.size.astype(float), len(result.frame_numbers)
+    boxes = np.stack([np.zeros_like(sizes), sizes], axis=1)
+    if not whole:
+        boxes = _boxes(_project_run(result, result.best_run), _spread(count, _BOX_FRAMES))
+    # Boxes grow to one shape, as far as the images reach: then they fill the cells of a grid.
+    extent = boxes[:, 1] - boxes[:, 0]
+    shape = float(np.median(extent[:, 0] / extent[:, 1]))
+    grown = np.maximum(extent, np.stack([extent[:, 1] * shape, extent[:, 0] / shape], axis=1))
+    grown = np.minimum(np.ceil(grown), sizes)
+    corners = np.clip(np.floor(boxes.mean(axis=1) - grown / 2), 0, sizes - grown).astype(int).tolist()
+
+    def cell_height(columns: int) -> float:
+        rows = math.ceil(len(sizes) / columns)
+        return min(_VIDEO_AREA[0] / (columns * shape), _VIDEO_AREA[1] / rows)
+
+    columns = max(range(1, len(sizes) + 1), key=cell_height)
+    cell = cell_height(columns) * np.array([shape, 1.0])
+    windows = []
+    for corner, part in zip(corners, grown, strict=True):
+        width, height = np.maximum(1, np.floor(part * (cell / part).min() + 1e-6)).astype(int).tolist()
+        windows.append(Window(tuple(corner), tuple(part.astype(int).tolist()), (width, height)))
+    return Layout(windows, columns)
+
+
+def _boxes(body: _ProjectedBody, frames: list[int]) -> np.ndarray:
+    """(camera, 2, 2), the left top and right bottom of what is around the body in ``frames`` [px].
+
+    Of a camera that never sees the body it is the whole image.
+    """
+    sizes = body.rig.size.astype(float)
+    low, high = np.full_like(sizes, np.inf), np.full_like(sizes, -np.inf)
+    for frame in frames:
+        pixels = body.vertices(frame)
+        inside = ((pixels >= 0) & (pixels < sizes[:, None])).all(axis=2, keepdims=True)
+        low = np.minimum(low, np.where(inside, pixels, np.inf).min(axis=1))
+        high = np.maximum(high, np.where(inside, pixels, -np.inf).max(axis=1))
+    unseen = np.isinf(low)
+    low, high = np.where(unseen, 0.0, low), np.where(unseen, sizes, high)
+    margin = _CROP_MARGIN * (high - low).max(axis=1, keepdims=True) + 1
+    return np.stack([np.maximum(np.floor(low - margin), 0), np.minimum(np.ceil(high + margin), sizes)], axis=1)
+
+
+def _sheet_windows(body: _ProjectedBody, frames: list[int]) -> list[Window]:
+    """Each camera's window around the body in ``frames``, as high as a row of a contact sheet."""
+    windows = []
+    for (left, top), (right, bottom) in _boxes(body, frames).astype(int).tolist():
+        extent = (right - left, bottom - top)
+        windows.append(Window((left, top), extent, (max(1, round(extent[0] * _SHEET_ROW / extent[1])), _SHEET_ROW)))
+    return windows
 
 
 def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], columns: int) -> np.ndarray:
-    """All cameras at one frame, each with its overlap, below a line that says what the frame cost."""
+    """All cameras at one frame, each with its overlap, below a line with the frame's number and status."""
     for k, view in enumerate(views):
         write_text(view, f"{result.cameras.names[k]}   {_number('IoU', result.iou[run, frame, k], 'no mask')}", (8, 8))
-    canvas, _ = _tile([views[i : i + columns] for i in range(0, len(views), columns)])
-    end = write_text(
-        canvas,
-        f"frame {result.frame_numbers[frame]}   {_number('cost', result.cost[run, frame], 'no cost')}   "
-        f"{result.evaluations[run, frame]} evaluations   {STATUS[result.status[run, frame]]}",
-        (12, 9),
-    )
+    canvas, _ = _tile([views[i : i + columns] for i in range(0, len(views), columns)], _TITLE_WIDTH)
+    title = f"frame {result.frame_numbers[frame]}   {STATUS[result.status[run, frame]]}"
+    end = write_text(canvas, title, (12, 8), size=0.55)
+    write_text(canvas, _number("cost", result.cost[run, frame], "no cost"), (end + 18, 9))
+    # The legend stands at the right end, the same in all frames.
     of_sigma = {} if result.joint_sigma is None else {f"ellipse: {ELLIPSE} sigma": SIGMA_COLOUR}
-    for name, colour in (LEGEND | of_sigma).items():
-        end = write_text(canvas, name, (end + 18, 9), colour)
-    height, width = canvas.shape[:2]
+    height, right = canvas.shape[:2]
+    for name, colour in reversed((LEGEND | of_sigma).items()):
+        right -= text_width(name) + 18
+        write_text(canvas, name, (right, 9), colour)
+    width = canvas.shape[1]
     return np.pad(canvas, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")  # codecs want even sizes
+
+
+def _strip_frame(views: list[np.ndarray]) -> np.ndarray:
+    """The views side by side, small."""
+    shapes = [view.shape[1] / view.shape[0] for view in views]
+    height = min(_STRIP_SIZE[1], int(_STRIP_SIZE[0] / sum(shapes)))
+    sizes = [(max(1, round(height * shape)), height) for shape in shapes]
+    small = [cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view, size in zip(views, sizes, strict=True)]
+    return np.concatenate(small, axis=1)
 
 
 def _contact_sheet(result: Result, run: int, frames: list[int], cells: list[list[np.ndarray]]) -> np.ndarray:
@@ -307,14 +382,15 @@ def _contact_sheet(result: Result, run: int, frames: list[int], cells: list[list
     return canvas
 
 
-def _tile(rows: list[list[np.ndarray]]) -> tuple[np.ndarray, list[int]]:
-    """A canvas of views in rows below a free header, and where its columns begin [px]."""
+def _tile(rows: list[list[np.ndarray]], least: int = 0) -> tuple[np.ndarray, list[int]]:
+    """A canvas of views in rows below a free header, ``least`` so wide, and where its columns begin [px]."""
     columns = len(rows[0])
     widths = [max(row[c].shape[1] for row in rows if c < len(row)) for c in range(columns)]
     heights = [max(view.shape[0] for view in row) for row in rows]
     lefts = [_GAP + sum(widths[:c]) + c * _GAP for c in range(columns)]
     tops = [_HEADER + sum(heights[:r]) + r * _GAP for r in range(len(rows))]
-    canvas = np.full((tops[-1] + heights[-1] + _GAP, lefts[-1] + widths[-1] + _GAP, 3), PAPER, np.uint8)
+    width = max(lefts[-1] + widths[-1] + _GAP, least)
+    canvas = np.full((tops[-1] + heights[-1] + _GAP, width, 3), PAPER, np.uint8)
     for row, top, height in zip(rows, tops, heights, strict=True):
         for view, left, width in zip(row, lefts, widths, strict=False):
             y, x = top + (height - view.shape[0]) // 2, left + (width - view.shape[1]) // 2

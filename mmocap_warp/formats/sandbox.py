@@ -27,7 +27,7 @@ from mmocap_warp.whole_file import native_path
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-7  # of processor time that a file may take
 _BYTES, _BYTES_PER_BYTE = 2**30, 16  # of memory that a file may take
 _PATIENCE = 12.0  # wall clock's seconds to wait for one of the processor's: the machine may be busy
-_IDLE_SECONDS = 20.0  # after which the worker ends
+_IDLE_SECONDS = 120.0  # after which the worker ends: starting one takes half a second of a processor
 _DONE = "done"
 _REMEDY = "it is damaged: write or copy it again"
 _START = "import sys; sys.path[:] = sys.argv[1:]; from mmocap_warp.formats.sandbox import _serve; _serve()"

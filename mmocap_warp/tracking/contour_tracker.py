@@ -192,7 +192,7 @@ class ContourTracker:
         What stays uncovered is in doubt from now on.
         """
         size = self._subject.body.relative_size**2
-        looks = [self._uncovered.of(pose, observation) for pose in answer.pose]
+        looks = self._uncovered.of(answer.pose, observation)
         excess = self._state.excess(np.stack([look.area for look in looks]), LARGEST_USUAL_AREA * size)
 
         # Fit limbs that reach to what stays uncovered. What one look alone shows may be a fault of its masks.
@@ -203,7 +203,7 @@ class ContourTracker:
             starts = self._starts.reaching(answer.pose, self.search.counter.numpy(), places)
             other = self._most_covering(self._fitted(starts, observation, _STEPS_FAR), observation)
             # A limb is found where most of the area is covered then, and the overlap is as good.
-            again = [self._uncovered.of(pose, observation) for pose in other.pose]
+            again = self._uncovered.of(other.pose, observation)
             left = self._state.excess(np.stack([look.area for look in again]), LARGEST_USUAL_AREA * size)
             found = wanted & (left.sum(axis=1) < _STILL_UNCOVERED * excess.sum(axis=1))
             found &= other.overlap > answer.overlap - _LARGEST_LOSS
@@ -241,7 +241,7 @@ class ContourTracker:
         best = []
         for of_run in np.arange(len(fitted.pose)).reshape(self._runs, -1):
             likely = of_run[np.argsort(-fitted.overlap[of_run], kind="stable")[:_COMPARED]]
-            left = np.array([self._uncovered.of(fitted.pose[i], observation).area.sum() for i in likely])
+            left = np.array([look.area.sum() for look in self._uncovered.of(fitted.pose[likely], observation)])
             worth = fitted.overlap[likely] - _AREA_WORTH / self._subject.body.relative_size**2 * left
             best.append(likely[np.argmax(worth)])
         return fitted[np.array(best)]

@@ -34,6 +34,7 @@ from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.shipped import deviation_factors
+from mmocap_warp.tracking.contour_state import LEVEL_FRAMES
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs
 from mmocap_warp.tracking.recovery_starts import RecoveryStarts
@@ -57,6 +58,7 @@ _TRACKED, _PARTIAL, _LOST, _INTERPOLATED, _REPEATED = (
 CANDIDATES = 32
 """Poses that are linearised at a time."""
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
+_FALL = 0.03  # overlap below that of the frames before from which a limb may be elsewhere for a moment
 
 
 def frames_held(rate: float) -> int:
@@ -92,6 +94,8 @@ def smoothed(
         for frame in final[raw.status[0, final] != _REPEATED].tolist():
             poses = np.stack([run.pose[frame] for run in runs])
             cost[:, frame], iou[:, frame] = masks.judged(frame, poses)
+            for run, overlaps in zip(runs, iou, strict=True):
+                run.look(frame, overlaps)
         done += windows[0].final
         if progress:
             progress(done)
@@ -205,9 +209,9 @@ class _MaskWindow:
         cost = self._objective.costs(pose)
         return cost, overlap(self._objective.count.numpy()[:count], observation)
 
-    def uncovered(self, frame: int, pose: np.ndarray) -> Uncovered:
-        """What a pose (coordinate,) leaves uncovered of a frame's masks."""
-        return self._uncovered.of(pose, self._held[frame % self._places])
+    def uncovered(self, frame: int, poses: np.ndarray) -> list[Uncovered]:
+        """What poses (pose, coordinate) leave uncovered of a frame's masks."""
+        return self._uncovered.of(poses, self._held[frame % self._places])
 
     def _observe_next(self) -> None:
         """Read a frame into the place of the oldest one."""
@@ -282,9 +286,6 @@ class _RunSmoother:
         frames = slice(self._finished, self._finished + window.final)
         self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last_angles)
         error = misfit(window.contour, self._rooting.searched, self._usual_misfit)
-        for frame in range(frames.start, frames.stop):
-            if frame % self._look_interval == 0 and self._tracked[frame]:
-                self._looks[frame] = self._masks.uncovered(frame, self.pose[frame]).area
         sigma = combine(self._noise.of(window), self._body.of(window), error, self._widest, self._usual_misfit)
         if self._factors:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
@@ -292,6 +293,16 @@ class _RunSmoother:
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
         self._last_angles = self.pose[frames.stop - 1, ROOT_ANGLES]
         self._finished = frames.stop
+
+    def look(self, frame: int, overlap: np.ndarray) -> None:
+        """Look for uncovered mask area: now and then, at the end, and where the overlap (frame, camera) falls."""
+        if not self._tracked[frame]:
+            return
+        before = np.arange(max(0, frame - LEVEL_FRAMES), frame + 1)
+        level = np.nanmean(overlap[before[self._tracked[before]]], axis=1)
+        falls = level[-1] < np.median(level) - _FALL
+        if frame % self._look_interval == 0 or falls or frame == len(self.pose) - 1:
+            self._looks[frame] = self._masks.uncovered(frame, self.pose[frame : frame + 1])[0].area
 
     def parts_in_doubt(self) -> np.ndarray:
         """(frame, part) bool, once all windows are finished: parts that may be elsewhere; their deviations grow."""
@@ -320,13 +331,13 @@ class _RunSmoother:
     def area(self, frame: int, rooted: RootedPoses) -> np.ndarray:
         """See :class:`~mmocap_warp.contour.clip.backward_pass.UncoveredMask`."""
         poses = self._rooting.leave(rooted, np.zeros(3))
-        areas = [self._masks.uncovered(frame, pose).area.sum() for pose in poses]
-        return np.array(areas) / (LASTING_AREA * self._size**2)
+        areas = np.array([look.area.sum() for look in self._masks.uncovered(frame, poses)])
+        return areas / (LASTING_AREA * self._size**2)
 
     def limbs_reaching(self, frame: int, there: RootedPoses) -> RootedPoses:
         """See :class:`~mmocap_warp.contour.clip.backward_pass.UncoveredMask`."""
         pose = self._rooting.leave(there, np.zeros(3))
-        place = self._masks.uncovered(frame, pose[0]).place
+        place = self._masks.uncovered(frame, pose)[0].place
         starts = self._masks.starts.reaching(pose.astype(np.float32), np.array([frame]), [place])[0]
         return self._rooting.refold(self._rooting.enter(starts))
 

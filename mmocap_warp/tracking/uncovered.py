@@ -2,8 +2,8 @@
 
 An overlap hardly notices a forearm, and no outline of the body tells of mask that the body does not cover. Area counts
 here if it is deep, if the other views' masks agree that something is there, and if two views show it: what one view
-alone shows may be a fault of a mask. Views that show more than limbs beside the body, somebody who passes by or a
-chest, do not count.
+alone shows may be a fault of a mask, unless it is as large as a hand. Views that show more than limbs beside the body,
+somebody who passes by or a chest, do not count.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ _STEP = 0.03  # between the points of a ray [m]
 _MOST_RAYS = 48  # rays that are followed of a view
 _LEAST_AREA = 0.002  # less than that beside a body is noise of a mask [m^2]
 _LEAST_VIEWS = 4  # so many other views must be there for one of them to be allowed to disagree
+_LEAST_AREA_ALONE = 0.01  # so much is no fault of a mask, also where one view alone shows it [m^2]
 _MOST_AREA = 0.12  # a view that leaves more than that uncovered shows somebody or something else [m^2]
 
 LOOK_INTERVAL = 0.1
@@ -50,7 +51,7 @@ class Uncovered:
     """What one frame's masks show beside a body.
 
     Attributes:
-        area: (part,) near each part, in the view that shows second most of it [m^2].
+        area: (part,) near each part, in the view that decides [m^2].
         place: (n, 3) where it is, about the middle of what the masks leave open [m].
     """
 
@@ -81,13 +82,17 @@ class UncoveredArea:
         self._size = body.relative_size
         self._lens = rig.K @ rig.R, np.einsum("kij,kj->ki", rig.K, rig.t)
 
-    def of(self, pose: np.ndarray, observation: Observation) -> Uncovered:
-        """The area beside one pose (coordinate,)."""
-        skin = self._poser.vertices(pose)[0].astype(float)
+    def of(self, poses: np.ndarray, observation: Observation) -> list[Uncovered]:
+        """The area beside poses (n, coordinate), each by itself."""
+        return [self._beside_skin(skin, observation) for skin in self._poser.vertices(poses).astype(float)]
+
+    def _beside_skin(self, skin: np.ndarray, observation: Observation) -> Uncovered:
+        """The area beside the vertices (n, 3) of the skin."""
         skin = np.concatenate([skin, np.einsum("nc,ncx->nx", self._share, skin[self._corner])])
         middle = skin.mean(axis=0)
 
         # What is beside the body in each view. A view with more than limbs there shows somebody or something else.
+        projected = self._projected(skin)
         beside: dict[int, tuple[np.ndarray, float, float]] = {}  # pixels, the area of each [m^2], the body's depth [m]
         for k in np.flatnonzero(observation.foreground > 0).tolist():
             depth = float(self._rig.R[k, 2] @ middle + self._rig.t[k, 2])
@@ -95,16 +100,19 @@ class UncoveredArea:
                 continue
             scale = self._rig.K[k, 0, 0] / depth
             step = max(1, int(_CELL * self._size * scale))
-            pixels = step * self._beside(k, skin, observation, step, _DEEP * self._size * scale)
+            pixels = step * self._beside(k, projected[k], observation, step, _DEEP * self._size * scale)
             if len(pixels) * (step / scale) ** 2 <= _MOST_AREA * self._size**2:
                 beside[k] = pixels, (step / scale) ** 2, depth
 
-        # Of that, what the other views agree on, near the body.
+        # Of that, what the other views agree on, near the body. Views with less than the two that show most do not
+        # decide.
         seen = np.array(list(beside), int)
-        area, places = np.zeros((max(2, len(self._rig)), self._parts)), [np.empty((0, 3))]
-        for k, (pixels, pixel, depth) in beside.items():
-            if len(pixels) * pixel < _LEAST_AREA * self._size**2:
-                continue
+        area: list[np.ndarray] = [np.zeros(self._parts)] * 2  # the view with most of it first
+        places = [np.empty((0, 3))]
+        least = _LEAST_AREA * self._size**2
+        for k, (pixels, pixel, depth) in sorted(beside.items(), key=lambda view: -len(view[1][0]) * view[1][1]):
+            if len(pixels) * pixel < max(least, area[1].sum()):
+                break
             every = -(-len(pixels) // _MOST_RAYS)
             place = self._agreed_on(k, pixels[::every], depth, seen[seen != k], observation)
             if not len(place):
@@ -112,25 +120,27 @@ class UncoveredArea:
             apart = ((place[:, None] - skin[None, ::4]) ** 2).sum(axis=2)
             near = apart.min(axis=1) < (_FAR * self._size) ** 2
             place, part = place[near], self._part[::4][apart[near].argmin(axis=1)]
-            np.add.at(area[k], part, every * pixel)
+            of_view = np.bincount(part, np.full(len(part), every * pixel), self._parts)
+            area = sorted([*area, of_view], key=lambda each: -each.sum())[:2]
             places.append(place)
-        # The view with the second most area decides: one view alone may have a fault of its mask.
-        second = np.argsort(area.sum(axis=1), kind="stable")[-2]
-        return Uncovered(area[second], np.concatenate(places))
+        # One view alone may have a fault of its mask: unless that is large, the view with the second most area decides.
+        decides = area[0] if area[0].sum() > _LEAST_AREA_ALONE * self._size**2 else area[1]
+        return Uncovered(decides, np.concatenate(places))
 
     def _beside(self, k: int, skin: np.ndarray, observation: Observation, step: int, deep: float) -> np.ndarray:
-        """Cells (n, 2) of a view's mask, column and row, that are deeper than ``deep`` px beside the body's skin."""
+        """Cells (n, 2) of a view's mask, column and row, that are deeper than ``deep`` px beside the skin (n, 2)."""
         width, height = self._rig.size[k]
         words = np.ascontiguousarray(observation.words[k, :height:step])
         mask: np.ndarray = np.unpackbits(words.view("u1"), axis=-1, bitorder="little")[:, :width:step]
-        cells = np.rint(self._projected(k, skin) / step)
+        cells = np.rint(skin / step)
         inside = ((cells >= 0) & (cells < mask.shape[::-1])).all(axis=1)
         column, row = cells[inside].astype(int).T
         covered = np.zeros(mask.shape, np.uint8)
         covered[row, column] = 1
         radius = max(1, round(deep / step))
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-        return np.argwhere(mask & (cv2.dilate(covered, kernel) == 0))[:, ::-1]
+        cells_beside = cv2.findNonZero(mask & (cv2.dilate(covered, kernel) == 0))
+        return np.empty((0, 2), int) if cells_beside is None else cells_beside.reshape(-1, 2)
 
     def _agreed_on(
         self, k: int, pixels: np.ndarray, depth: float, others: np.ndarray, observation: Observation
@@ -140,25 +150,27 @@ class UncoveredArea:
         reach, step = _REACH * self._size, _STEP * self._size
         depths = np.arange(max(depth - reach, step), depth + reach, step)
         points = ((rays[:, None] * depths[:, None]).reshape(-1, 3) - self._rig.t[k]) @ self._rig.R[k]
-        agree = np.zeros(len(points), int)
+        # Points that too many views disagree with are looked at no further.
+        needed = max(2, len(others) - (len(others) >= _LEAST_VIEWS))
+        left, disagree = np.arange(len(points)), np.zeros(len(points), int)
         for j in others:
             width, height = self._rig.size[j]
-            column, row = np.nan_to_num(np.rint(self._projected(j, points)), nan=-1.0).clip(-1, 1e6).astype(int).T
+            column, row = np.nan_to_num(np.rint(self._projected(points[left], j)), nan=-1.0).clip(-1, 1e6).astype(int).T
             within = (column >= 0) & (row >= 0) & (column < width) & (row < height)
             word = observation.words[j, np.where(within, row, 0), np.where(within, column, 0) // 32]
-            agree += ~within | (word >> (column % 32).astype(np.uint32) & 1).astype(bool)
-        needed = max(2, len(others) - (len(others) >= _LEAST_VIEWS))
-        hit = (agree >= needed).reshape(len(rays), -1)
+            disagree[left] += within & ~(word >> (column % 32).astype(np.uint32) & 1).astype(bool)
+            left = left[disagree[left] <= len(others) - needed]
+        hit = (disagree <= len(others) - needed).reshape(len(rays), -1)
         order = np.cumsum(hit, axis=1)
         at = (order >= (order[:, -1:] + 1) // 2).argmax(axis=1)  # the middle one of those that hit
         found: np.ndarray = points.reshape(len(rays), -1, 3)[np.arange(len(rays)), at][hit.any(axis=1)]
         return found
 
-    def _projected(self, k: int, points: np.ndarray) -> np.ndarray:
-        """Pixels (n, 2) of points (n, 3); NaN behind the camera."""
+    def _projected(self, points: np.ndarray, views: int | slice = slice(None)) -> np.ndarray:
+        """Pixels (..., n, 2) of points (n, 3) in views; NaN behind the camera."""
         turn, shift = self._lens
-        seen = points @ turn[k].T + shift[k]
-        pixels: np.ndarray = seen[:, :2] / np.where(seen[:, 2:] > 0, seen[:, 2:], np.nan)
+        seen = points @ np.swapaxes(turn[views], -1, -2) + shift[views][..., None, :]
+        pixels: np.ndarray = seen[..., :2] / np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
         return pixels
 
 

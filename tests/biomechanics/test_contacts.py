@@ -156,6 +156,13 @@ def test_paws_are_feet_and_fingers_are_none(name, feet):
     assert len(feet_of(load_body(name))) == feet
 
 
+@pytest.mark.parametrize("wide", [0.05, 20.0])
+def test_how_wide_a_body_is_does_not_tell_its_feet(wide):
+    fox = load_body("fox")
+    skin = replace(fox.skin, rest=fox.skin.rest * np.float32([wide, 1, 1]))
+    assert feet_of(replace(fox, skin=skin)) == feet_of(fox)
+
+
 def test_a_foot_stands_up_to_three_centimetres_and_half_a_metre_a_second():
     """Another foot is the floor; this one is slowly lifted, then slides faster by 1 cm/s in each."""
     still, knee = np.zeros((80, BODY.skeleton.coordinates)), BODY.skeleton.angles("LKnee").start

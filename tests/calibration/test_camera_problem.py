@@ -8,9 +8,11 @@ import pytest
 from moving_person import BODY, FPS, RIG, ROOTING, masks_at, motion
 
 from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.calibration.adjust import camera_problem
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, changed, difference
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, known_distance, known_height
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.body_problem import BodyProblem
 from mmocap_warp.contour.frame.fitter import MatchingConfig
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.masks.observation import Observation, unpack_masks
@@ -37,7 +39,10 @@ def solved(
     rooted, velocity = ROOTING.stepped(motion().rooted[FRAMES], off), motion().velocity(FRAMES)
     stages = (MatchingConfig(0.3, 0.03, 0.03), 8), (MatchingConfig(), 8)
     problem = CameraProblem(wrong, np.zeros(len(RIG)), SPACE, ROOTING, share, sigma, known)
-    return problem.solved(observations, rooted, velocity, NONE, np.zeros(sigma.shape), stages, device, 1).change
+    solution = problem.solved(observations, rooted, velocity, NONE, np.zeros(sigma.shape), stages, device, 1)
+    np.testing.assert_array_equal(solution.free, sigma > 0)
+    assert len(solution.covariance) == solution.free.sum()
+    return solution.change
 
 
 def grown_by_a_pixel(observation: Observation) -> Observation:
@@ -134,3 +139,22 @@ def test_a_known_length_costs_by_how_much_it_is_missed(device):
 
     known = cost(known_height(SPACE, height() + 0.006))
     assert known - cost() == pytest.approx(0.5 * 3.0**2 / len(frames), rel=1e-4)
+
+
+def test_the_person_may_differ_from_the_expected_body_by_a_share_of_what_people_do(device, monkeypatch):
+    """And cameras by their own deviations; last of each camera comes the margin of its masks."""
+    prior: list[np.ndarray] = []
+
+    def spied(*given):
+        prior.append(given[-1])
+        return BodyProblem(*given)
+
+    monkeypatch.setattr(camera_problem, "BodyProblem", spied)
+    sigma, frames = one_of("pan", "focal"), FRAMES[:2]
+    problem = CameraProblem(RIG, np.zeros(len(RIG)), SPACE, ROOTING, 0.3, sigma)
+    observations, rooted = masks_at(RIG, frames, np.zeros(len(RIG))), motion().rooted[frames]
+    as_it_is = ((MatchingConfig(), 0),)
+    velocity = motion().velocity(frames)
+    problem.solved(observations, rooted, velocity, NONE, np.zeros(sigma.shape), as_it_is, device, 1)
+    np.testing.assert_allclose(prior[0][: len(NONE)], 0.3 * SPACE.sigma)
+    np.testing.assert_allclose(prior[0][len(NONE) :], [1.0, 1.0, *sigma[WRONG][sigma[WRONG] > 0], 1.0, 1.0])

@@ -13,13 +13,23 @@ from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.floor_views import (
     FEWEST_FRAMES,
     StandingView,
+    _head_errors,
     place_on_floor,
     rigid_motion,
     standing_view,
 )
-from mmocap_warp.calibration.solve.level import level_world
+from mmocap_warp.calibration.solve.level import _fit_two_planes, level_world
 from mmocap_warp.calibration.solve.person_axis import CORNERS, PersonInViews, person_in_views
-from mmocap_warp.calibration.solve.tangents import Pinholes, find_tangents, residuals, solve_tangents
+from mmocap_warp.calibration.solve.tangents import (
+    Pinholes,
+    Tangents,
+    _cost,
+    _normal_equations,
+    _prior,
+    find_tangents,
+    residuals,
+    solve_tangents,
+)
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.synthesis.footage.made_recording import placed_camera
@@ -109,6 +119,34 @@ def test_who_is_cut_off_missing_or_no_upright_figure_is_not_seen():
     np.testing.assert_array_equal(seen_in(figure(), cut, none, ball).whole, [[True, False, False, False]])
 
 
+@pytest.mark.parametrize("quarters", [1, -1], ids=["left", "right"])
+def test_of_a_lying_figure_the_narrower_end_is_the_head(quarters: int) -> None:
+    """However the figure leans; and of an upright one the upper end is, however wide."""
+    masks = []
+    for lean in (-8.0, -4.0, 4.0, 8.0):
+        leaning = cv2.warpAffine(
+            figure().astype(np.uint8), cv2.getRotationMatrix2D((80.0, 100.0), lean, 0.9), (160, 200)
+        )
+        masks.append(np.ascontiguousarray(np.rot90(leaning, quarters)).astype(bool))
+    person = person_in_views([Observation.from_masks([mask]) for mask in masks], np.array([[200, 160]]))
+    assert person.whole.all()
+    assert (quarters * (person.foot - person.head)[0, :, 0] > 90).all()
+    arms_up = figure((slice(30, 50), slice(55, 106)))
+    assert seen_in(arms_up).head[0, 0, 1] < 40
+
+
+def test_a_hull_of_many_corners_is_thinned_out_evenly() -> None:
+    radius, size = 280.0, np.array([[640, 640]])
+    disc = np.zeros((640, 640), np.uint8)
+    cv2.ellipse(disc, (320, 320), (160, 300), 0, 0, 360, 1, -1)
+    (hull,) = person_in_views([Observation.from_masks([disc.astype(bool)])], size).hull[0]
+    from_middle = (hull - 320) / [160.5, 300.5]
+    np.testing.assert_allclose(np.linalg.norm(from_middle, axis=1), 1.0, atol=0.01)
+    steps = np.linalg.norm(np.diff(hull, axis=0), axis=1)
+    assert steps.min() > 0
+    assert steps.max() < radius / 4
+
+
 def test_a_stick_that_walks_tells_how_its_camera_stands():
     feet = way()
     for k, (_, _, height, _, _) in enumerate(PLACES):
@@ -195,6 +233,37 @@ def test_cameras_are_adjusted_to_their_tangents(guessed):
         np.testing.assert_array_equal(found.focal, start.focal)
 
 
+def test_the_prior_of_focal_lengths_counts_their_mean_and_how_unlike_they_are() -> None:
+    """A share of .25 of all, or of .04 between them, weighs as much as ten residuals that begin to count less."""
+    np.testing.assert_allclose(_prior(np.array([0.25, 0.25]), 1.5), [0.0, 0.0, 1.5 * np.sqrt(10)])
+    np.testing.assert_allclose(_prior(np.array([0.04, -0.04]), 2.0), 2.0 * np.sqrt(10) * np.array([1.0, -1.0, 0.0]))
+
+
+def test_tangents_weigh_less_the_more_they_miss() -> None:
+    """The normal equations' gradient is the derivative of the robust cost, with outliers and guessed focal lengths."""
+    seen = person_before(RIG, polytopes(way(6))).hull
+    step = np.random.default_rng(2).normal(0, 0.02, (4, 7))
+    cameras, free = pinholes(RIG).moved(step), np.array([True, True, False, True])
+    tangents, guess = find_tangents(cameras, seen), np.log(np.full(4, 640.0))
+    assert np.abs(residuals(cameras, tangents)).max() > 2.0
+    _, gradient = _normal_equations(cameras, tangents, 1.5, guess, free)
+    for k, column in [(0, 0), (1, 2), (2, 4), (3, 6), (1, 6)]:
+        step = np.zeros((4, 7))
+        step[k, column] = 1e-5
+        up, down = (_cost(cameras.moved(way), tangents, 1.5, guess) for way in (step, -step))
+        assert gradient[7 * k + column] == pytest.approx((up - down) / 2e-5, rel=1e-3)
+    assert gradient[7 * 2 + 6] == 0.0
+
+
+def test_a_missing_tangent_costs_as_much_as_one_that_misses_by_fifty_pixels() -> None:
+    seen = person_before(RIG, polytopes(way(6))).hull
+    cameras = pinholes(RIG)
+    tangents, guess = find_tangents(cameras, seen), np.log(cameras.focal[:, 0])
+    missing = Tangents(tangents.camera, tangents.frame, tangents.pixel, tangents.missing + 2)
+    costs = [_cost(cameras, each, 5.0, guess) for each in (tangents, missing)]
+    assert costs[1] - costs[0] == pytest.approx(2 * 0.5 * 25 * np.log1p(100.0))
+
+
 def test_heads_and_feet_give_metres_and_the_floor():
     person = person_before(RIG, polytopes(way()))
     tilted = turn("x", 0.03) @ turn("y", -0.02)
@@ -206,10 +275,55 @@ def test_heads_and_feet_give_metres_and_the_floor():
     np.testing.assert_allclose(*between, rtol=0.01)
 
 
+def test_heads_and_feet_weigh_alike_in_the_planes_tilt_and_outliers_little() -> None:
+    """The heads' plane leans one way and the feet's the other; of the heads there are many more, some of them wrong."""
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-1, 1, 20)))
+    lean, few = 0.004, slice(0, 400, 8)
+    heads = np.stack([x, y, 1.7 + lean * x], axis=1)
+    feet = np.stack([x[few], y[few], -lean * x[few]], axis=1)
+    heads[::9, 2] += 0.3
+    elsewhere = np.array([4.0, -3.0, -3.0])
+    turn_, floor, top = _fit_two_planes(heads + elsewhere, feet + elsewhere, np.array([0.0, 0.0, 1.7]))
+    np.testing.assert_allclose(turn_, np.eye(3), atol=0.0006)
+    np.testing.assert_allclose([floor, top], [-3.0, -1.3], atol=0.005)
+
+
+def test_across_a_straight_walk_the_persons_axis_decides() -> None:
+    along = np.linspace(-2, 2, 40)
+    feet = np.stack([along, 0 * along, 0 * along], axis=1)
+    upright = np.array([0.0, 0.1, 1.7])
+    found, floor, top = _fit_two_planes(feet + upright, feet, upright)
+    np.testing.assert_allclose(found @ upright, [0.0, 0.0, np.linalg.norm(upright)], atol=1e-6)
+    assert top - floor == pytest.approx(np.linalg.norm(upright))
+
+
 def test_too_few_whole_frames_are_told():
     person = person_before(RIG, polytopes(way())).without(np.arange(FEWEST_FRAMES - 1, 40))
     with pytest.raises(UnsolvableError, match=r"11 of 40 frames show the whole person.* at least 12 are needed"):
         standing_view("a", person.head[0], person.foot[0], RIG.K[0], STATURE)
+
+
+@pytest.mark.parametrize(("tilt", "accepted"), [(59.5, True), (60.5, False)])
+def test_a_view_may_look_sixty_degrees_down(tilt: float, accepted: bool) -> None:
+    K, feet = np.array([[200.0, 0, 320], [0, 200, 240], [0, 0, 1]]), 0.6 * way()
+    down = np.radians(tilt)
+    R = np.array([[1, 0, 0], [0, -np.sin(down), -np.cos(down)], [0, np.cos(down), -np.sin(down)]])
+    there = feet - [0.0, -4.0 / np.tan(down), 4.0]
+    foot, head = ((at[:, :2] / at[:, 2:]) for at in ((there + up) @ R.T @ K.T for up in ([0, 0, 0], [0, 0, STATURE])))
+    if accepted:
+        assert standing_view("a", head, foot, K, STATURE).height == pytest.approx(4.0, abs=1e-4)
+    else:
+        with pytest.raises(UnsolvableError, match="less than 60 degrees down"):
+            standing_view("a", head, foot, K, STATURE)
+
+
+def test_heads_that_a_trial_puts_beside_the_image_err_by_a_bounded_number_of_pixels() -> None:
+    """A foot's ray near the horizon would put the head anywhere."""
+    K, head = np.diag([600.0, 600.0, 1.0]), np.array([[0.0, 0.0]])
+    for side in (1.0, -1.0):
+        errors = _head_errors(np.array([1.2, 0.0, 2.0]), K, head, np.array([[side * 500.0, -400.0, 1.0]]), STATURE)
+        np.testing.assert_array_equal(np.abs(errors), 1e4)
+        assert errors[0] == side * 1e4
 
 
 def test_who_stands_still_is_told():

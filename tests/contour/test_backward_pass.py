@@ -141,6 +141,21 @@ def test_a_limb_that_is_lost_to_the_end_is_recalled_from_before():
     assert recalling.revised(frames, clip.truth, clip.rooting.none) is clip.truth
 
 
+def test_a_limb_that_leaps_away_and_soon_back_goes_straight_on():
+    clip = TwoBasins(np.full(FRAMES, 1.2))
+    limb = np.arange(ELBOW.start, ELBOW.stop + 3)  # with the wrist, which leaps
+    frames = np.arange(FRAMES)
+    known = clip.truth.where(frames < 8, clip.other)
+
+    def misled(at: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
+        fitted, cost = clip.descend(at, starts)
+        leap = np.isin(at, (20, 21, 22, 23))
+        return clip.other[at].where(leap, fitted), np.where(leap, 100.0, cost)
+
+    backward = BackwardPass(misled, clip.linearise, clip.rooting, clip.points, RATE, clip.areas, [limb])
+    assert clip.error(backward.revised(frames, known, clip.rooting.none)).max() < 0.02
+
+
 def test_limbs_that_no_frame_knows_are_looked_for_anew():
     clip = TwoBasins(np.full(FRAMES, 1.2))
     frames, asked = np.arange(FRAMES), []

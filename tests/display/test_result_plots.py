@@ -35,8 +35,8 @@ def curves(path):
 def test_a_panel_for_each_angle_with_left_and_right(walk, tmp_path):
     plot_angles(tmp_path / "angles.svg", walk)
     drawn = curves(tmp_path / "angles.svg")
-    assert len(drawn["first"]) == 24  # of eight joints, two of them in the middle
-    assert len(drawn["second"]) == 18
+    assert (len(drawn["left"]), len(drawn["right"])) == (18, 18)
+    assert len(drawn["middle"]) == 6  # of two joints
     words = "".join(ElementTree.parse(tmp_path / "angles.svg").getroot().itertext())
     assert "Knee: internal rotation [°]" in words
     assert "Trunk: bending to the right [°]" in words
@@ -45,9 +45,9 @@ def test_a_panel_for_each_angle_with_left_and_right(walk, tmp_path):
 def test_bars_are_where_a_foot_stands(walk, tmp_path):
     plot_feet(tmp_path / "feet.svg", walk)
     drawn = curves(tmp_path / "feet.svg")
-    for colour, side in (("first", "left"), ("second", "right")):
+    for side in ("left", "right"):
         foot = walk.shown.feet[side]
-        track, *bars = drawn[colour]
+        track, *bars = drawn[side]
         assert len(bars) == len(foot.strikes) + foot.on_floor[0]
         first = float(re.match(r"M([\d.]+)", bars[-1])[1])
         begin = foot.strikes[-1] if len(foot.strikes) else 0
@@ -69,7 +69,7 @@ def test_short_clips_and_unknown_angles_are_drawn(tmp_path, frames):
 def test_of_a_long_clip_some_frames_are_drawn(tmp_path):
     measures = measure(answer(MAN, np.zeros((2500, MAN.skeleton.coordinates))))
     plot_feet(tmp_path / "feet.svg", measures)
-    track, bar = curves(tmp_path / "feet.svg")["first"]
+    track, bar = curves(tmp_path / "feet.svg")["left"]
     assert track.count("l") == 834  # every third
     assert bar.endswith("L946 " + bar.rsplit(" ", 1)[1])
 
@@ -78,10 +78,11 @@ def test_a_dogs_left_and_right_are_in_one_panel(tmp_path):
     measures = measure(answer(quadruped(), np.zeros((4, quadruped().skeleton.coordinates))))
     plot_angles(tmp_path / "angles.svg", measures)
     drawn = curves(tmp_path / "angles.svg")
-    assert (len(drawn["first"]), len(drawn["second"])) == (7, 6)  # head, and three angles of each leg
+    assert (len(drawn["left"]), len(drawn["right"])) == (6, 6)  # three angles of each leg
+    assert len(drawn["middle"]) == 1  # head
     plot_feet(tmp_path / "feet.svg", measures)
     drawn = curves(tmp_path / "feet.svg")
-    assert (len(drawn["first"]), len(drawn["second"])) == (4, 4)  # a track and a bar for each foot
+    assert (len(drawn["left"]), len(drawn["right"])) == (4, 4)  # a track and a bar for each foot
     words = "".join(ElementTree.parse(tmp_path / "angles.svg").getroot().itertext())
     assert "ForeKnee: x [°]" in words
 

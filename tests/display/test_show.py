@@ -20,7 +20,7 @@ from mmocap_warp.display.overlay import (
     draw_view,
     write_text,
 )
-from mmocap_warp.display.result_video import overlay, show, show_subject
+from mmocap_warp.display.result_video import Layout, overlay, show, show_subject, video_layout
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks.mask_settings import ForegroundSettings
 
@@ -68,6 +68,67 @@ def test_images_go_below_the_drawing(tmp_path):
     np.testing.assert_allclose(corner, (10, 200, 10), rtol=0, atol=12)  # the codec is lossy
 
 
+def test_a_legend_is_as_sharp_in_the_last_frame_as_in_the_first(tmp_path):
+    """Over a room with a camera's noise: where bits run short, it is text and outlines that blur."""
+    result = replace(synthetic_result(24, runs=1, cameras=2), cameras=ring_rig(2, size=(160, 120)))
+    random = np.random.default_rng(0)
+    room = cv2.resize(random.integers(40, 220, (60, 80, 3), np.uint8), (320, 240), interpolation=cv2.INTER_CUBIC) // 2
+    images = ([room + random.integers(0, 33, room.shape, np.uint8)] * 2 for _ in range(24))
+    layout = Layout([Window((0, 0), (160, 120), (320, 240))] * 2, columns=2)
+    show(result, images, None, video=tmp_path / "overlay.webm", layout=layout)
+    legends = [cv2.cvtColor(frame[:30, -230:], cv2.COLOR_BGR2GRAY) for frame in frames_of(tmp_path / "overlay.webm")[0]]
+    sharpness = [cv2.Laplacian(legend, cv2.CV_64F).var() for legend in legends]
+    assert min(sharpness) >= 0.9 * sharpness[0]
+
+
+def test_a_video_is_cut_to_where_the_body_is_over_the_clip():
+    result = small_result()
+    body, (width, height) = Poser(result.subject.body, result.subject.root_base), (160, 120)
+    layout = video_layout(result)
+    for k, window in enumerate(layout.windows):
+        seen = np.concatenate([project(result.cameras, body.tracking_vertices(pose)[0])[k] for pose in result.pose[0]])
+        low, high = np.maximum(seen.min(axis=0), 0), np.minimum(seen.max(axis=0), (width - 1, height - 1))
+        assert (np.array(window.corner) <= low).all()
+        assert (np.add(window.corner, window.extent) >= high).all()
+        assert window.extent[0] * window.extent[1] < width * height
+        assert window.size[0] / window.size[1] == pytest.approx(window.extent[0] / window.extent[1], rel=0.01)
+    assert {window.extent for window in video_layout(result, whole=True).windows} == {(160, 120)}
+
+
+@pytest.mark.parametrize("cameras", [1, 2, 5, 11])
+@pytest.mark.parametrize("size", [(160, 120), (120, 160), (400, 60)])
+def test_a_video_has_no_more_pixels_than_a_screen(tmp_path, cameras, size):
+    result = replace(synthetic_result(1, runs=1, cameras=cameras), cameras=ring_rig(cameras, size=size))
+    for whole in (False, True):
+        show(result, None, None, video=tmp_path / "o.webm", layout=video_layout(result, whole), deviations=True)
+        ((frame,), _) = frames_of(tmp_path / "o.webm")
+        assert 600 <= frame.shape[1] <= 1920
+        assert frame.shape[0] <= 1080
+
+
+def test_a_slow_video_and_an_animated_strip(tmp_path):
+    result = small_result(frames=8, cameras=2)
+    show(result, None, None, video=tmp_path / "o.webm", strip=tmp_path / "o.webp", slow=4.0)
+    assert frames_of(tmp_path / "o.webm")[1] == pytest.approx(result.rate / 4, abs=0.1)
+    _, strip = cv2.imreadanimation(str(tmp_path / "o.webp"))
+    assert len(strip.frames) == 8
+    assert sum(strip.durations) == pytest.approx(4000 * 8 / result.rate, rel=0.02)
+    assert strip.loop_count == 0  # without end
+    assert strip.frames[0].shape[0] <= 240
+    assert strip.frames[0].shape[1] <= 960
+    assert (tmp_path / "o.webp").stat().st_size < 200_000
+
+
+def test_ellipses_are_drawn_when_they_are_asked_for(tmp_path):
+    result = small_result(frames=1, cameras=1)
+    wide = replace(result, joint_sigma=np.full((1, 1, len(result.subject.body.skeleton.joints), 3), 0.01))
+    for name, deviations in (("without", False), ("with", True)):
+        show(wide, None, None, sheet=tmp_path / f"{name}.png", deviations=deviations)
+    without, drawn = (cv2.imread(str(tmp_path / f"{name}.png")).astype(int) for name in ("without", "with"))
+    assert not (np.abs(without - SIGMA_COLOUR).max(axis=2) < 20).any()
+    assert (np.abs(drawn - SIGMA_COLOUR).max(axis=2) < 20).any()
+
+
 def test_lost_views_and_cameras_without_images_are_drawn(tmp_path):
     result = small_result()
     nothing = np.full_like(result.iou, np.nan)
@@ -82,6 +143,7 @@ def test_lost_views_and_cameras_without_images_are_drawn(tmp_path):
         ({"video": "overlay.mp4"}, "not a WebM file name"),
         ({"video": "nowhere/overlay.webm"}, "folder does not exist"),
         ({"sheet": "sheet.jpg"}, "not a PNG file name"),
+        ({"strip": "strip.gif"}, "not a WebP file name"),
         ({"sheet": "nowhere/sheet.png"}, "its folder does not exist"),
     ],
 )

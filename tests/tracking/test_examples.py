@@ -38,7 +38,9 @@ def test_a_hand_that_opens_before_four_cameras() -> None:
     assert apart.mean() < 0.03 * HAND  # measured: 0.013
 
 
-@pytest.mark.parametrize(("name", "motion", "cameras"), [("anymal", "Trot", 6), ("panda", "Pick", 4)])
+@pytest.mark.parametrize(
+    ("name", "motion", "cameras"), [pytest.param("anymal", "Trot", 6, marks=pytest.mark.nightly), ("panda", "Pick", 4)]
+)
 def test_angles_of_robots(name: str, motion: str, cameras: int) -> None:
     recording, pose = tracked(name, motion, cameras, 10, 8)
     searched = recording.body.skeleton.searched()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -270,6 +271,29 @@ def test_who_carries_something_is_begun_from_the_hulls_size_and_from_its_own(wal
         _headings(_Task(body, rig, QUICK, lambda *_: None), frame)
     assert begun == [begun[0], begun[0], 0.0]
     assert begun[0] < -0.01
+
+
+@pytest.mark.parametrize(("poses", "near_rest"), [(None, True), ("given", False)])
+def test_poses_that_are_given_are_not_pulled_to_the_rest_pose(man, monkeypatch, poses, near_rest):
+    """A rigid body is begun from several ways to lie, which have no rest to be pulled to where they are given."""
+    asked = []
+
+    def search(shapes, frame, starts, evaluations, *, near_rest):
+        asked.append(near_rest)
+        return starts.astype(np.float32)
+
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.search_starts", search)
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.subject_hull", lambda *_: None)
+    monkeypatch.setattr(
+        "mmocap_warp.fitting.subject_fit.screened_starts", lambda shapes, *_: np.zeros((1, len(shapes)), np.float32)
+    )
+    given = None if poses is None else np.zeros((1, man.skeleton.coordinates))
+    task = _Task(man, SimpleNamespace(up="+y"), replace(QUICK, rigid=True), lambda *_: None, given)
+    _headings(task, None)
+    assert asked == [near_rest]
+    assert task.body.rigid
+    assert not replace(task, config=QUICK).body.rigid
+    assert replace(task, generic=replace(man, rigid=True), config=QUICK).body.rigid
 
 
 def test_the_prior_pulls_to_the_rest_pose(man):

@@ -339,6 +339,8 @@ def test_a_checkpoint_is_saved_at_most_every_few_seconds(tmp_path, monkeypatch):
     assert saved_frames() == 1
     store.add(later, made_up_state(2))
     assert saved_frames() == 1
+    now[0] += 2.0
+    assert saved_frames() == 2
 
 
 def test_a_checkpoint_that_cannot_be_written_is_wrong_input(tmp_path):

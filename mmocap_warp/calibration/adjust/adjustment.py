@@ -16,6 +16,7 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.calibration.adjust.camera_changes import (
     CENTRE,
+    FOCAL,
     OFFSET,
     POSITION,
     ROTATION,
@@ -189,6 +190,12 @@ class Adjustment:
         sigma[fixed, OFFSET] = 0.0
         if self._world_floats or self._stated_fixed is not None:
             sigma[fixed, ROTATION], sigma[fixed, POSITION] = 0.0, 0.0
+        return sigma
+
+    def sigma_in_place(self) -> np.ndarray:
+        """How far cameras may be if they may turn, and their principal points and times may be off, but no more."""
+        sigma = self.sigma.copy()
+        sigma[:, POSITION], sigma[:, FOCAL] = 0.0, 0.0
         return sigma
 
     def solve(self, change: np.ndarray, person: Person, sigma: np.ndarray, *, again: bool = False) -> CameraSolution:

@@ -32,6 +32,11 @@ RESPECT = np.repeat(np.arange(5), (3, 3, 1, 2, 1))
 time."""
 
 
+def groups_of(cameras: int) -> np.ndarray:
+    """(camera, parameter) the same number for parameters of a camera that belong together."""
+    return RESPECT + (RESPECT.max() + 1) * np.arange(cameras)[:, None]
+
+
 @describes_settings
 @dataclass(frozen=True)
 class Deviations:

@@ -21,7 +21,7 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, RESPECT, changed
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, changed, groups_of
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, landmarks
 from mmocap_warp.cameras.rig import CameraRig
@@ -37,6 +37,10 @@ STATED = 0.5
 """Share of one frame's standard deviations that is stated for all frames: measured on made people, moving or not."""
 CLEAR = 4.0
 """Standard deviations by which parameters that belong together must differ from where they were, in the mean."""
+_MAX_LEFT = (
+    0.7  # mean distance, in a frame's deviations, of what stays: 0.25 to 0.55 beside one wrong camera, else 0.84 on
+)
+_NEGLIGIBLE_COST = 0.5 * CLEAR**2  # cost in a frame that one parameter must explain to be clear
 UNDETERMINED = 0.7
 """A parameter known no better than this share of its prior standard deviation is not determined."""
 
@@ -65,7 +69,7 @@ class Refinement:
         sigma: (camera, parameter) standard deviations; for parameters that stayed, what they would be.
         moved: (camera, parameter) bool: those that changed; all others are exactly what they were.
         undetermined: (camera, parameter) bool: those that the masks do not determine.
-        fixed: number of the camera that stood still.
+        fixed: number of the camera that stood still; None where all cameras kept their places.
         before, after: how well frames that had no part are explained.
     """
 
@@ -74,7 +78,7 @@ class Refinement:
     sigma: np.ndarray
     moved: np.ndarray
     undetermined: np.ndarray
-    fixed: int
+    fixed: int | None
     before: Overlaps
     after: Overlaps
 
@@ -110,20 +114,29 @@ def refine(
     """
     adjustment = Adjustment(scene, body, config or AdjustConfig())
     report = progress or (lambda stage, done: None)
-    # A rough start, in the world of the camera that moved least.
+    # A rough start.
     change = adjustment.start()
-    fixed = adjustment.stillest_camera(change)
-    change, _, _ = adjustment.relative_to(change, fixed)
     report("silhouettes", 0.05)
     subject = adjustment.fit_body(change)
     report("body", 0.3)
     change, person = adjustment.add_whole_lags(change, adjustment.track_person(change, subject))
-    # Solve and track in turns; the camera that stands still is chosen anew each time.
+    # Solve and track in turns.
+    fixed: int | None = adjustment.stillest_camera(change)
+    sigma = adjustment.sigma if adjustment.world_is_chosen else adjustment.sigma_with_fixed(fixed)
     for number in range(_ROUNDS):
-        solution = adjustment.solve(change, person, adjustment.sigma_with_fixed(fixed), again=number > 0)
-        fixed = adjustment.stillest_camera(solution.change)
-        change, turn, shift = adjustment.relative_to(solution.change, fixed)
-        # The person in that camera's world, from the pose of the first frame if that was solved for.
+        solution = adjustment.solve(change, person, sigma, again=number > 0)
+        # Cameras that need not have moved stay in their places, all of them, and so does the world.
+        if number == 0 and adjustment.world_is_chosen:
+            in_place = adjustment.solve(change, person, adjustment.sigma_in_place())
+            if in_place.cost < solution.cost + _NEGLIGIBLE_COST:
+                solution, fixed, sigma = in_place, None, adjustment.sigma_in_place()
+        # Otherwise the world is that of a camera that stands still, which is chosen anew each time.
+        change, turn, shift = solution.change, np.eye(3), np.zeros(3)
+        if fixed is not None:
+            fixed = adjustment.stillest_camera(change)
+            change, turn, shift = adjustment.relative_to(change, fixed)
+            sigma = adjustment.sigma_with_fixed(fixed)
+        # The person in that world, from the pose of the first frame if that was solved for.
         subject, rooting = person.subject, person.motion.rooting
         first = rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
         pose = (first if person.found[0] == 0 else subject.pose).astype(float)
@@ -131,29 +144,34 @@ def refine(
         body, root_base = adjustment.space.model(solution.beta), turn @ subject.root_base
         person = adjustment.track_person(change, replace(subject, body=body, root_base=root_base, pose=pose))
         report("cameras", 0.5 + 0.15 * number)
-    refinement = _select_and_judge(adjustment, change, person, fixed)
+    refinement = _select_and_judge(adjustment, change, person, sigma, fixed)
     report("judged", 1.0)
     return refinement
 
 
-def _select_and_judge(adjustment: Adjustment, change: np.ndarray, person: Person, fixed: int) -> Refinement:
+def _select_and_judge(
+    adjustment: Adjustment, change: np.ndarray, person: Person, sigma: np.ndarray, fixed: int | None
+) -> Refinement:
     """The refinement in which only those parameters change that have to, judged by held-out frames."""
     # Which parameters have to change.
-    sigma = adjustment.sigma_with_fixed(fixed)
     solution = adjustment.solve(change, person, sigma, again=True)
     free = solution.free
-    group = RESPECT + (RESPECT.max() + 1) * np.arange(len(free))[:, None]
     moved, determined, deviation = np.zeros(free.shape, bool), ~free, np.zeros(free.shape)
     moved[free], determined[free], deviation[free] = select_parameters(
-        solution.change[free], solution.covariance, sigma[free], group[free]
+        solution.change[free], solution.covariance, sigma[free], groups_of(len(free))[free]
     )
+    # Where all cameras are a little off, none of them may stay: the world would be wrong by as much as that one.
+    stayed = free & ~moved
+    if fixed is None and moved.any() and mean_distance(solution, stayed) > _MAX_LEFT:
+        respect = max(map(int, np.unique(RESPECT)), key=lambda each: moved[:, each == RESPECT].any(axis=1).sum())
+        moved |= (respect == RESPECT) & free
     # Solve once more for these alone.
     change, beta = np.where(moved, solution.change, 0.0), solution.beta
     if moved.any():
         solution = adjustment.solve(change, person, np.where(moved, sigma, 0.0), again=True)
         change, beta = solution.change, solution.beta
     before, after = (_held_out_overlaps(adjustment, person, beta, each) for each in (np.zeros_like(change), change))
-    if adjustment.world_is_chosen and implausible(moved):
+    if fixed is not None and adjustment.world_is_chosen and implausible(moved):
         change = _in_the_mean_world(adjustment, person, change)
         moved[:, POSITION] = True
     # Principal points are given in pixels of the calibrated images.
@@ -161,6 +179,14 @@ def _select_and_judge(adjustment: Adjustment, change: np.ndarray, person: Person
     full[:, CENTRE] = 1.0 / adjustment.footage.scale
     rig = changed(adjustment.scene.calibrated, full * change)
     return Refinement(rig, full * change, STATED * full * deviation, moved, ~determined, fixed, before, after)
+
+
+def mean_distance(solution: CameraSolution, some: np.ndarray) -> float:
+    """Mean Mahalanobis distance of ``some`` (camera, parameter) of the free parameters from zero, all together."""
+    own = some[solution.free]
+    value = solution.change[some]
+    squared = value @ np.linalg.solve(solution.covariance[np.ix_(own, own)], value)
+    return float(np.sqrt(squared / max(1, len(value))))
 
 
 def implausible(moved: np.ndarray) -> bool:

@@ -77,7 +77,10 @@ def standing_view(name: str, head: np.ndarray, foot: np.ndarray, K: np.ndarray, 
         for tilt in _START_TILTS
         for height in _START_HEIGHTS
     ]
-    plausible = [each for each in solutions if abs(each.x[0]) < _MAX_TILT and _MIN_HEIGHT < each.x[2] < _MAX_HEIGHT]
+    # What explains the frames clearly worse than another start's end, by a pixel a frame, is no solution.
+    enough = 2 * min(each.cost for each in solutions) + len(head)
+    good = [each for each in solutions if each.cost <= enough]
+    plausible = [each for each in good if abs(each.x[0]) < _MAX_TILT and _MIN_HEIGHT < each.x[2] < _MAX_HEIGHT]
     if not plausible:
         raise UnsolvableError(
             f"camera '{name}': nobody of {stature:.2f} m walks upright on a level floor in its masks; check --height, "

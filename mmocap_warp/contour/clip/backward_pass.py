@@ -3,7 +3,8 @@
 A tracker that lost a limb finds it again some frames later. From there, following the frames backwards leads along the
 limb: a fist folds before the chest in one direction of time, and comes out of it in the other. A limb that no later
 frame knows may be where it was in an earlier frame: its angles there are recalled. Two limbs that explain each other's
-masks, such as crossed arms, may be wrong in all frames alike: they are fitted once more from rest.
+masks, such as crossed arms, may be wrong in all frames alike: they are fitted once more from rest. A limb that leaps
+away and soon back may have gone straight on.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
@@ -53,6 +54,8 @@ _BEST_RECALLED = 6  # recalled limbs that are fitted: those whose areas cost lea
 _LARGEST_COST_RATIO = 0.95  # a pose replaces another one if its cost is at most this share
 _UNCOVERED_COST = 0.15  # share that an uncovered area which makes a limb doubtful adds to what a pose costs
 _NO_AREA = 1e-6  # an area that is as good as none
+_LEAP = 0.12  # a limb leaps where it moves so much farther than from the frame before or to the frame after [m]
+_LONGEST_BRIDGE = 0.3  # seconds that a limb may be away between two leaps
 _ACCELERATION = 36.0  # standard deviation of a joint's acceleration [m/s^2]: frames by themselves shake by 10 mm
 
 
@@ -83,7 +86,9 @@ class BackwardPass:
     uncovered: UncoveredMask | None = None
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
-        """For each frame the pose known or the one found on the way back: those that together cost least.
+        """For each frame the pose known, the one found on the way back, or a bridge over leaps on that way.
+
+        The sequence is taken that costs least.
 
         Only a different answer counts, in which a joint is elsewhere, and only in a stretch of frames that gains more
         by contours and areas than a frame's contours cost. Where there is none, ``known`` itself is returned.
@@ -109,42 +114,70 @@ class BackwardPass:
         if not different.any():
             return known
         back = back.where(different, ahead)
+        answers = [ahead, back]
+        bridged, across = self._bridged(back, seen)
+        if across.any():
+            different |= across
+            answers.append(bridged)
 
         # Each frame costs what its contours and its areas cost; jumps between the answers cost too.
-        costs = np.zeros((2, len(held) + len(frames)))
-        costs[:, len(held) :] = cost, self.linearise(frames, back).cost
-        costs[:, len(held) + np.flatnonzero(different)] += self._area_costs(frames, ahead, back, different, cost)
+        costs = np.zeros((len(answers), len(held) + len(frames)))
+        costs[0, len(held) :] = cost
+        for row, poses in zip(costs[1:], answers[1:], strict=True):
+            row[len(held) :] = self.linearise(frames, poses).cost
+        costs[:, len(held) + np.flatnonzero(different)] += self._area_costs(frames, answers, different, cost)
         if self.uncovered:
-            self._add_uncovered(self.uncovered, frames, (ahead, back), np.flatnonzero(different), costs[:, len(held) :])
+            self._add_uncovered(self.uncovered, frames, answers, np.flatnonzero(different), costs[:, len(held) :])
         scale = self.rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
-        both = (held.followed_by(poses.interpolated(seen)) for poses in (ahead, back))
-        place = np.stack([scale * self.points.at(poses).reshape(len(poses), -1) for poses in both])
-        chosen = (least_costly(costs, place)[len(held) :] == 1) & different
+        courses = (held.followed_by(poses.interpolated(seen)) for poses in answers)
+        place = np.stack([scale * self.points.at(poses).reshape(len(poses), -1) for poses in courses])
+        chosen = least_costly(costs, place)[len(held) :] * different
 
         # A stretch that gains too little keeps what was known.
         least_gain = np.median(contour.cost[seen])
-        for stretch in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(chosen)) + 1):
-            cost_ahead, cost_back = costs[:, len(held) + stretch].sum(axis=1)
-            chosen[stretch] &= cost_ahead - cost_back > least_gain
-        return back.where(chosen, known) if chosen.any() else known
+        for stretch in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(chosen > 0)) + 1):
+            gain = costs[0, len(held) + stretch].sum() - costs[chosen[stretch], len(held) + stretch].sum()
+            chosen[stretch] *= gain > least_gain
+        if not chosen.any():
+            return known
+        for number, poses in enumerate(answers[1:], 1):
+            known = poses.where(chosen == number, known)
+        return known
+
+    def _bridged(self, way: RootedPoses, seen: np.ndarray) -> tuple[RootedPoses, np.ndarray]:
+        """The way with limbs that leap away and soon back going straight on instead, and in which frames (frame,)."""
+        centre, pose = self.points.at(way.interpolated(seen))[:, ::POINTS_A_JOINT], way.pose.copy()
+        across = np.zeros(len(way), bool)
+        for limb in self.limbs:
+            joints = np.unique((limb - TRANSLATION) // 3)
+            step = np.linalg.norm(np.diff(centre[:, joints], axis=0), axis=2).max(axis=1, initial=0.0)
+            beside = np.pad(step, 1, mode="edge")
+            leaps = np.flatnonzero(step - np.maximum(beside[:-2], beside[2:]) > _LEAP)
+            away = np.zeros(len(way), bool)
+            for first in leaps:
+                last = leaps[leaps <= first + _LONGEST_BRIDGE * self.rate].max()
+                away[first + 1 : last + 1] = True
+            pose[:, limb] = way.interpolated(seen & ~away).pose[:, limb]
+            across |= away & seen
+        return RootedPoses(way.base, np.where(across[:, None], pose, way.pose)), across
 
     def _area_costs(
-        self, frames: np.ndarray, ahead: RootedPoses, back: RootedPoses, different: np.ndarray, cost: np.ndarray
+        self, frames: np.ndarray, answers: Sequence[RootedPoses], different: np.ndarray, cost: np.ndarray
     ) -> np.ndarray:
-        """What areas cost (answer, frame), scaled so that those of ``ahead`` weigh as much as its contours (frame,)."""
-        both = np.stack([self.areas(frames[different], poses[different]) for poses in (ahead, back)])
-        scaled: np.ndarray = both * (cost[different].sum() / max(both[0].sum(), _NO_AREA))
+        """What areas cost (answer, frame), scaled so that the first answer's weigh as much as its contours (frame,)."""
+        areas = np.stack([self.areas(frames[different], poses[different]) for poses in answers])
+        scaled: np.ndarray = areas * (cost[different].sum() / max(areas[0].sum(), _NO_AREA))
         return scaled
 
     def _add_uncovered(
         self,
         uncovered: UncoveredMask,
         frames: np.ndarray,
-        answers: tuple[RootedPoses, RootedPoses],
+        answers: Sequence[RootedPoses],
         different: np.ndarray,
         costs: np.ndarray,
     ) -> None:
-        """Let answers that leave masks uncovered cost more (answer, frame), where either leaves enough for a doubt."""
+        """Let answers that leave masks uncovered cost more (answer, frame), where one leaves enough for a doubt."""
         for at in different:
             area = np.array([uncovered.area(int(frames[at]), poses[at : at + 1])[0] for poses in answers])
             if area.max() >= 1.0:

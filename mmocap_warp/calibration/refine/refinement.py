@@ -21,7 +21,7 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, changed, groups_of
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, RESPECT, changed, groups_of
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, landmarks
 from mmocap_warp.cameras.rig import CameraRig

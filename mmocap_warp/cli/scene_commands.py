@@ -53,12 +53,11 @@ def init(call: Any, folder: Path) -> Answer:
 
 
 @command("mask:mask", frames=SceneFrames)
-def mask(call: Any) -> Answer:
-    from mmocap_warp.scene.scene_toml import load_scene
-
+def mask(call: Any, loaded: Scene, scale: float) -> Answer:
     masks = call()
     report, good = masks.report, masks.remedy is None
-    step = _track_step(masks.scene, masks.source.parent, *_scale_options(load_scene(masks.scene)))
+    options = _scale_options(loaded) if scale == 1 else ()
+    step = _track_step(masks.scene, masks.source.parent, *options)
     views = {
         name: {
             "area_px": view.area,

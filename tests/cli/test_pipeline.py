@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from person_skeleton import JOINTS
 from pxr import Usd, UsdGeom
+from small_scene import CAMERAS
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp import cli
@@ -36,19 +37,12 @@ from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.scene.scene_toml import load_scene
 
 FRAMES = 8
-SCENE = """
+SCENE = f"""
 [scene]
 fps = 60
 up = "+y"
 subject = "subject.usdc"
-[cameras]
-calibration = "calibration.toml"
-[cameras.cam01]
-masks = "masks/cam01"
-[cameras.cam02]
-masks = "masks/cam02"
-[cameras.cam03]
-masks = "masks/cam03"
+{CAMERAS}
 [truth]
 file = "truth.usdc"
 [track]

@@ -154,7 +154,7 @@ def scene_of(
         return None
     if path is None and not Path(reference).is_absolute():
         if is_result:
-            remedy = "which is not known: give scene, or that file"
+            remedy = "and that file's place is not known: give the scene, or the result as a file"
             (reporter or Reporter()).warn(f"the scene {reference} is named from the result's file, {remedy}")
         return None
     recorded = Path(reference) if path is None else path.parent / reference

@@ -23,6 +23,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     **dict.fromkeys(("right", "down", "ahead"), _MILLIMETRES),
     "focal": ("%", 100.0),
     **dict.fromkeys(("centre_x", "centre_y"), ("px", 1.0)),
+    "radial": ("", 1.0),
     "offset": ("ms", 1000.0),
 }
 """The unit in which each of ``camera_changes.KINDS`` is shown, and its value in the parameter's own unit."""

@@ -121,8 +121,9 @@ def refine(
     report("body", 0.3)
     change, person = adjustment.add_whole_lags(change, adjustment.track_person(change, subject))
     # Solve and track in turns.
-    fixed: int | None = adjustment.stillest_camera(change)
-    sigma = adjustment.sigma if adjustment.world_is_chosen else adjustment.sigma_with_fixed(fixed)
+    stillest = adjustment.stillest_camera(change)
+    fixed: int | None = stillest
+    sigma = adjustment.sigma if adjustment.world_is_chosen else adjustment.sigma_with_fixed(stillest)
     for number in range(_ROUNDS):
         solution = adjustment.solve(change, person, sigma, again=number > 0)
         # Cameras that need not have moved stay in their places, all of them, and so does the world.

@@ -13,8 +13,8 @@ In a view that is late a pose counts with what it says of the motion too: ``1 + 
 and bend are taken as they are, though the neighbours' poses, which make them, move too.
 
 A camera that turns or moves does to its view what the opposite motion of the whole body would, so it needs no columns
-beside the root's. Its lens does: a principal point moves all points alike, a focal length each away from there. So do
-its masks, which may be larger all around than what they show.
+beside the root's. Its lens does: a principal point moves all points alike, a focal length and a radial distortion
+each away from there. So do its masks, which may be larger all around than what they show.
 """
 
 import warp as wp
@@ -27,8 +27,8 @@ from mmocap_warp.kernels.views.projection import Pinhole, Views, into_camera, pi
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
-LENS = 3
-"""Columns of a lens: the logarithm of both focal lengths, and the principal point [px]."""
+LENS = 4
+"""Columns of a lens: the logarithm of both focal lengths, the principal point [px], and the radial distortion k1."""
 OWN = LENS + 1
 """Columns of a view's own: its lens, and by how much its masks are larger than what they show [px]."""
 
@@ -255,7 +255,8 @@ def _write_own(middle: wp.vec3, normal: wp.vec2, camera: Pinhole, rows: Rows, fi
     rows.value[first] = x + y
     rows.value[first + 1] = normal[0]
     rows.value[first + 2] = normal[1]
-    rows.value[first + 3] = 1.0
+    rows.value[first + 3] = (x + y) * (p[0] * p[0] + p[1] * p[1]) / (p[2] * p[2])
+    rows.value[first + 4] = 1.0
 
 
 @wp.kernel

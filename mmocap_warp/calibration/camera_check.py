@@ -18,7 +18,16 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, CameraSolution, Person, Progress
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, FOCAL, KINDS, OFFSET, POSITION, ROTATION, changed
+from mmocap_warp.calibration.adjust.camera_changes import (
+    CENTRE,
+    FOCAL,
+    KINDS,
+    OFFSET,
+    POSITION,
+    RADIAL,
+    ROTATION,
+    changed,
+)
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
 from mmocap_warp.calibration.first_look import few_views
 from mmocap_warp.calibration.gross_mistake import IMAGE_SIZE, MIRRORED, SIZES, SWAPPED, Mistake
@@ -29,13 +38,14 @@ from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.scene.recording import Scene
 
-_MOVED = "rotation and position"
+_MOVED, _DISTORTION = "rotation and position", "distortion"
 CAUSES: dict[str, slice] = {
     "rotation": ROTATION,
     "position": POSITION,
     _MOVED: slice(ROTATION.start, POSITION.stop),
     "focal length": slice(FOCAL, FOCAL + 1),
     "principal point": CENTRE,
+    _DISTORTION: slice(RADIAL, RADIAL + 1),
     "time offset": slice(OFFSET, OFFSET + 1),
 }
 """What may be somewhat wrong with one camera, and the parameters that put it right."""
@@ -47,6 +57,8 @@ _MIN_DISTANCE = CLEAR * STATED  # a frame's standard deviations, in the mean of 
 _PARAMETER_COST = 0.5  # cost in a frame that each parameter of a change explains by chance alone
 _TIE_RATIO = 0.85  # causes that explain this share of what the best one explains are as likely
 _LAG_FRAMES, _LAG_STRETCH = 48, 6  # frames whose lags are compared, and those of each stretch of the recording
+_MIN_COMMON = 0.7  # share of what distortions explain that a common one explains where all lenses lack it
+_MAX_RADIAL = 0.2  # standard deviation of the radial distortion k1 that a calibration lacks
 _FRAMES = 8  # frames in which silhouettes are compared with the hull of the others
 
 
@@ -157,12 +169,31 @@ def check(
     findings = changing_lags(adjustment, change, person)
     if findings:
         return CameraCheck(rig.names, covered, None, findings, footage.scale)
-    solution = adjustment.solve(change, person, adjustment.sigma)
+    sigma = adjustment.sigma.copy()
+    sigma[:, RADIAL] = _MAX_RADIAL
+    solution = adjustment.solve(change, person, sigma)
     report("cameras", 0.9)
-    findings = small_errors(rig, solution)
+    findings = tuple(with_words(finding, adjustment) for finding in small_errors(rig, solution))
     overlap, pictures = _compare_views(rig, person, solution, findings)
     report("compared", 1.0)
     return CameraCheck(rig.names, covered, overlap, findings, footage.scale, pictures)
+
+
+def with_words(finding: Finding, adjustment: Adjustment) -> Finding:
+    """A finding with what to do where the lens is not as it was calibrated."""
+    if finding.cause != _DISTORTION or finding.change is None:
+        return finding
+    # How far the distortion moves the middle of the image's shorter edge, in pixels of the calibrated images.
+    k = adjustment.given.names.index(finding.camera)
+    camera, radial = adjustment.scene.calibrated.select((finding.camera,)), float(finding.change[k, RADIAL])
+    focal, edge = camera.K[0, 0, 0], 0.5 * float(camera.size.max())
+    what = "wrong" if camera.distortion.any() else "ignored"
+    words = (
+        f"{finding.camera}: distortion {what}, by {abs(radial) * edge**3 / focal**2:.0f} px at the image's edge; "
+        f"calibrate its lens, or add {radial:+.2f} to the first of its distortions in the calibration, then run: "
+        f"mmocap calib check {adjustment.scene.path}"
+    )
+    return replace(finding, words=words)
 
 
 def changing_lags(adjustment: Adjustment, change: np.ndarray, person: Person) -> tuple[Finding, ...]:
@@ -270,7 +301,22 @@ class _Change(NamedTuple):
 
 def _likelihood(change: _Change) -> float:
     """What a change gains beyond chance; one that holds others as special cases must gain more than they do."""
-    return change.gain * (_TIE_RATIO if change.cause == _MOVED else 1.0) - _PARAMETER_COST * len(change.parameters)
+    handicap = _TIE_RATIO if change.cause in (_MOVED, _DISTORTION) else 1.0  # one camera's distortion looks like others
+    return change.gain * handicap - _PARAMETER_COST * len(change.parameters)
+
+
+def _common_distortion(solution: CameraSolution) -> tuple[float, float]:
+    """The radial distortion that all cameras lack alike, and its standard deviations from zero beside all else.
+
+    These are 0 where most of what distortion explains is different from camera to camera.
+    """
+    own = np.argwhere(solution.free)[:, 1] == RADIAL
+    if not own.any():
+        return 0.0, 0.0
+    values, weight = solution.change[solution.free][own], np.linalg.inv(solution.covariance[np.ix_(own, own)])
+    radial = float((weight @ values).sum() / weight.sum())
+    common = radial**2 * float(weight.sum())
+    return radial, float(np.sqrt(common)) if common > _MIN_COMMON * float(values @ weight @ values) else 0.0
 
 
 def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...]:
@@ -279,6 +325,7 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
     Around the adjusted cameras the contours' cost is quadratic, and so is what any change alone would gain: half the
     squared Mahalanobis distance of its parameters. Changes are chosen one after the other, each beside those before it,
     and each camera is named once. That a camera was both turned and moved counts where neither alone does as much.
+    A distortion that was ignored in all cameras looks like many other errors, so it comes first and alone.
 
     Args:
         rig: the cameras.
@@ -286,6 +333,13 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
     """
     value, information = solution.change[solution.free], np.linalg.inv(solution.covariance)
     gradient = information @ value  # of the cost where the cameras were
+    total = 0.5 * float(value @ gradient)
+    radial, distance = _common_distortion(solution)
+    if distance >= _MIN_DISTANCE:
+        changes = np.zeros((len(rig), *solution.free.shape))
+        changes[np.arange(len(rig)), np.arange(len(rig)), RADIAL] = radial
+        explained = 0.5 * distance**2 / total
+        return tuple(Finding(name, _DISTORTION, each, explained) for name, each in zip(rig.names, changes, strict=True))
     number = np.full(solution.free.shape, -1)  # of each parameter among those that are free
     number[solution.free] = np.arange(len(value))
 
@@ -321,7 +375,6 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
     step[held] = best_step(held)
     change = np.zeros(solution.free.shape)
     change[solution.free] = step
-    total = 0.5 * float(value @ gradient)
     return tuple(
         Finding(
             rig.names[k],

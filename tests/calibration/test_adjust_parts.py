@@ -201,6 +201,7 @@ def test_the_person_is_tracked_again_from_the_pose_of_the_first_frame_in_the_new
 
     class Stub:
         space = SimpleNamespace(model=lambda beta: BODY)
+        world_is_chosen = False
 
         def __init__(self, *_: object) -> None: ...
 

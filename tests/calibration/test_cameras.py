@@ -12,6 +12,7 @@ from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.camera_changes import (
     KINDS,
     OFFSET,
+    RADIAL,
     AdjustConfig,
     Deviations,
     camera_jacobian,
@@ -89,7 +90,10 @@ def test_columns_are_finite_differences_of_where_edges_are_seen(device, far):
                 moved[0, case.index] -= step * velocity[0] * (kind == OFFSET)
                 points = vertices(moved)
                 middle = (points[ends[:, 0]] + points[ends[:, 1]]) / 2
-                sides.append((image_of(changed(RIG, there), k, middle) * normal).sum(axis=1))
+                now = changed(RIG, there)
+                seen = image_of(now, k, middle) - now.K[k, :2, 2]
+                seen *= 1.0 + there[k, RADIAL] * ((seen / now.K[k, [0, 1], [0, 1]]) ** 2).sum(axis=1, keepdims=True)
+                sides.append(((seen + now.K[k, :2, 2]) * normal).sum(axis=1))
             expected = (sides[0] - sides[1]) / (2 * STEP)
             atol = 2e-3 * max(np.abs(expected).max(), 1.0)
             np.testing.assert_allclose(columns[:, kind], expected, atol=atol, err_msg=KINDS[kind])

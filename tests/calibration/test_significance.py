@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 from synthetic import ring_rig
 
-from mmocap_warp.calibration.adjust.camera_changes import KINDS
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, KINDS, RADIAL
 from mmocap_warp.calibration.adjust.camera_problem import CameraSolution
-from mmocap_warp.calibration.camera_check import changing_lags, small_errors
-from mmocap_warp.calibration.refine.refinement import CLEAR, UNDETERMINED, implausible, select_parameters
+from mmocap_warp.calibration.camera_check import changing_lags, small_errors, with_words
+from mmocap_warp.calibration.refine.refinement import (
+    CLEAR,
+    UNDETERMINED,
+    implausible,
+    select_parameters,
+    with_all_cameras,
+)
 
 PRIOR = np.ones(4)
 ALONE = np.arange(4)
@@ -78,6 +84,7 @@ RIG = ring_rig(4)
         (slice(0, 3), 3.0, "rotation"),
         (slice(3, 6), 3.0, "position"),
         (slice(6, 7), 4.0, "focal length"),
+        (slice(9, 10), 4.0, "distortion"),
         (slice(0, 10), 1.0, None),
         (slice(0, 6), 0.8, None),
     ],
@@ -93,6 +100,22 @@ def test_a_change_is_named_where_it_is_significant(columns: slice, deviations: f
     assert [(each.camera, each.cause) for each in found] == ([(RIG.names[1], cause)] if cause else [])
     if found:
         np.testing.assert_allclose(found[0].change, change)
+
+
+def test_distortion_that_all_cameras_lack_is_named_though_none_of_them_shows_it_alone() -> None:
+    """Beside each of them something else explains as much."""
+    change = np.zeros((len(RIG), len(KINDS)))
+    change[:, RADIAL] = [-0.11, -0.09, -0.12, -0.08]
+    change[1, 6] = 0.02
+    free = np.ones(change.shape, bool)
+    found = small_errors(RIG, CameraSolution(change, np.zeros(1), None, free, 0.08**2 * np.eye(change.size), 1000.0))
+    assert [(each.camera, each.cause) for each in found] == [(name, "distortion") for name in RIG.names]
+    assert [each.change[k, RADIAL] for k, each in enumerate(found)] == pytest.approx([-0.1] * 4)
+    adjustment = SimpleNamespace(given=RIG, scene=SimpleNamespace(calibrated=RIG, path="scene.toml"))
+    edge, focal = RIG.size[0].max() / 2, RIG.K[0, 0, 0]
+    words = with_words(found[0], adjustment).words
+    assert f"{RIG.names[0]}: distortion ignored, by {0.1 * edge**3 / focal**2:.0f} px at the image's edge" in words
+    assert words.endswith("mmocap calib check scene.toml")
 
 
 @pytest.mark.parametrize(
@@ -118,6 +141,17 @@ def test_a_lag_that_changes_is_named_with_its_frame(later, cause: str | None, sa
     found = changing_lags(adjustment, np.zeros((4, len(KINDS))), SimpleNamespace(spread=lambda count: frames))
     assert [(each.camera, each.cause) for each in found] == ([(RIG.names[2], cause)] if cause else [])
     assert all(re.search(says, each.words) for each in found)
+
+
+@pytest.mark.parametrize(("others", "all_move"), [(0.4, False), (1.2, True)])
+def test_cameras_that_are_a_little_off_move_with_those_that_are_clearly_off(others: float, all_move: bool) -> None:
+    change = np.zeros((len(RIG), len(KINDS)))
+    change[:, CENTRE] = 0.01 * others
+    change[1, CENTRE] = 0.05
+    moved = change > 0.04
+    free = np.broadcast_to(np.isin(np.arange(len(KINDS)), [7, 8]), change.shape)
+    solution = CameraSolution(change, np.zeros(1), None, free, 1e-4 * np.eye(int(free.sum())), cost=1.0)
+    np.testing.assert_array_equal(with_all_cameras(moved, solution), free if all_move else moved)
 
 
 def test_a_few_cameras_that_stay_while_most_move_are_implausible() -> None:

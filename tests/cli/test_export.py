@@ -129,7 +129,7 @@ def test_a_track_that_was_not_smoothed_has_no_other(tmp_path, capsys):
     write_result(tmp_path / "walk.usdc", synthetic_result())
     flags = ["-o", str(tmp_path / "a.bvh"), "--raw"]
     assert cli.main(["export", str(tmp_path / "walk.usdc"), *flags]) == console.USAGE
-    assert "--raw: the track was not smoothed" in capsys.readouterr().err
+    assert "--raw needs a result that was smoothed" in capsys.readouterr().err
 
 
 def test_no_run_of_all_is_replaced_unasked(file, capsys):

@@ -209,4 +209,4 @@ def test_masks_are_drawn_anew_around_a_tracked_body(tmp_path, capsys):
     capsys.readouterr()
     made[3] = str(tmp_path / "again")
     assert cli.main([*made, str(tmp_path / "subject.usdc")]) == console.BAD_INPUT
-    assert "is no result; name what mmocap track wrote" in capsys.readouterr().err
+    assert "is not a result; give the file that mmocap track wrote" in capsys.readouterr().err

@@ -343,7 +343,7 @@ def test_a_camera_without_a_video_is_told(videos: Path) -> None:
             lambda folder: [
                 file.rename(folder / f"{i}x.mkv") for i, file in enumerate(sorted(folder.glob("*.mkv")), 7)
             ],
-            "has one of the cameras' names in it \\(cam01, cam02, cam03\\)",
+            "is named after a camera \\(cam01, cam02, cam03\\)",
         ),
     ],
 )

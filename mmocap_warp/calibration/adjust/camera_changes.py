@@ -21,15 +21,15 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.formats.toml_table import describes_settings, setting
 
 KINDS: tuple[str, ...] = (
-    "tilt", "pan", "roll", "right", "down", "ahead", "focal", "centre_x", "centre_y", "offset",
+    "tilt", "pan", "roll", "right", "down", "ahead", "focal", "centre_x", "centre_y", "radial", "offset",
 )  # fmt: skip
 """Parameters of a camera: rotations about its own x, y and z axis [rad], shifts along them [m], the logarithm of its
-focal lengths, its principal point [px], and its delay beyond the stated one [s]."""
-ROTATION, POSITION, LENS = slice(0, 3), slice(3, 6), slice(6, 9)
-FOCAL, CENTRE, OFFSET = 6, slice(7, 9), 9
-RESPECT = np.repeat(np.arange(5), (3, 3, 1, 2, 1))
+focal lengths, its principal point [px], its radial distortion k1, and its delay beyond the stated one [s]."""
+ROTATION, POSITION, LENS = slice(0, 3), slice(3, 6), slice(6, 10)
+FOCAL, CENTRE, RADIAL, OFFSET = 6, slice(7, 9), 9, 10
+RESPECT = np.repeat(np.arange(6), (3, 3, 1, 2, 1, 1))
 """(parameter,) the same number for parameters that belong together: rotation, position, focal length, principal point,
-time."""
+distortion, time."""
 
 
 def groups_of(cameras: int) -> np.ndarray:
@@ -56,7 +56,10 @@ class Deviations:
                 raise ValueError(f"{name} must be finite and not negative, got {value}")
 
     def of(self, rig: CameraRig) -> np.ndarray:
-        """(camera, parameter) these deviations in the parameters' units, for images of a rig's sizes."""
+        """(camera, parameter) these deviations in the parameters' units, for images of a rig's sizes.
+
+        Distortion is held.
+        """
         sigma = np.zeros((len(rig), len(KINDS)))
         sigma[:, ROTATION] = np.radians(self.rotation)
         sigma[:, POSITION] = self.position
@@ -109,7 +112,7 @@ class AdjustConfig:
 
 
 def changed(rig: CameraRig, change: np.ndarray) -> CameraRig:
-    """The cameras after a change (camera, parameter)."""
+    """The cameras after a change (camera, parameter), as pinholes: their distortion stays."""
     from scipy.spatial.transform import Rotation
 
     turned = Rotation.from_rotvec(-change[:, ROTATION]).as_matrix()
@@ -153,20 +156,20 @@ def camera_jacobian(
         root: where the translation and the root's angles begin in the searched coordinates.
 
     Returns:
-        (frame, camera, dof + 3, parameter) derivatives of the searched coordinates, then of the lens.
+        (frame, camera, dof + 4, parameter) derivatives of the searched coordinates, then of the lens.
     """
     dof, now = velocity.shape[1], changed(rig, change)
     # Columns of `turn` are the axes in the world that the rotation parameters turn about at this change.
     turn = transposed(now.R) @ _left_jacobian(-change[:, ROTATION])
     arm = origin[:, :, :, None] - now.centres[:, :, None]  # (frame, camera, 3, 1)
-    step = np.zeros((*axes.shape[:2], dof + 3, len(KINDS)))
+    step = np.zeros((*axes.shape[:2], dof + 4, len(KINDS)))
     shift, angle = (slice(first, first + 3) for first in root)
     # A rotation about the camera's centre turns the body, and shifts it because the root is elsewhere.
     step[:, :, shift, ROTATION] = -np.cross(np.broadcast_to(turn, axes.shape), arm, axis=2)
     step[:, :, angle, ROTATION] = -np.linalg.solve(axes, np.broadcast_to(turn, axes.shape))
     # Position, lens and time act on their own.
     step[:, :, shift, POSITION] = -transposed(rig.R)
-    step[:, :, dof:, LENS] = np.eye(3)
+    step[:, :, dof:, LENS] = np.eye(4)
     step[:, :, :dof, OFFSET] = -velocity[:, None]
     return step
 

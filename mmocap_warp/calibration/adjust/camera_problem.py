@@ -7,14 +7,22 @@ All frames share the parameters of the body, of the cameras and of their times; 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, POSITION, camera_jacobian, changed
+from mmocap_warp.calibration.adjust.camera_changes import (
+    KINDS,
+    LENS,
+    OFFSET,
+    POSITION,
+    RADIAL,
+    camera_jacobian,
+    changed,
+)
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import BodyProblem
 from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
@@ -178,6 +186,10 @@ class CameraProblem:
         by_camera = np.zeros((*views.matrix.shape[:3], len(KINDS) + 1))
         by_camera[:, :, :dof, :-1], by_camera[:, :, shared:-1, :-1] = motion[:, :, :dof], motion[:, :, dof:]
         by_camera[:, :, -1, -1] = 1.0
+        # The cameras are pinholes: their distortions act on the residuals as far as these are linear.
+        radial, at = change[:, RADIAL], shared + RADIAL - LENS.start
+        cost = views.cost - radial * (views.gradient[:, :, at] - 0.5 * radial * views.matrix[:, :, at, at])
+        views = replace(views, cost=cost, gradient=views.gradient - radial[:, None] * views.matrix[:, :, at])
         # All views together, and the lengths that are known: each counts once for all frames, in the first.
         free = self._own > 0
         equations = _join_views(views, by_camera, shared, free)

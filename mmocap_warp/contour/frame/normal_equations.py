@@ -55,8 +55,8 @@ class ViewEquations(FrameArrays):
 
     Attributes:
         matrix: (frame, camera, n, n) float64; n are the searched coordinates, the body's parameters, then the lens of
-            the camera itself: the logarithm of its focal lengths, its principal point, and by how much its masks are
-            larger than what they show [px].
+            the camera itself: the logarithm of its focal lengths, its principal point, its radial distortion k1,
+            and by how much its masks are larger than what they show [px].
         gradient: (frame, camera, n) float64.
         cost: (frame, camera) float64.
         axes: (frame, camera, 3, 3) float64, in the columns: what the root's angles turn about, in the world.

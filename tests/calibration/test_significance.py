@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 from synthetic import ring_rig
 
-from mmocap_warp.calibration.adjust.camera_changes import KINDS, RADIAL
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, KINDS, RADIAL
 from mmocap_warp.calibration.adjust.camera_problem import CameraSolution
 from mmocap_warp.calibration.camera_check import changing_lags, small_errors, with_words
-from mmocap_warp.calibration.refine.refinement import CLEAR, UNDETERMINED, implausible, select_parameters
+from mmocap_warp.calibration.refine.refinement import (
+    CLEAR,
+    UNDETERMINED,
+    implausible,
+    select_parameters,
+    with_all_cameras,
+)
 
 PRIOR = np.ones(4)
 ALONE = np.arange(4)
@@ -135,6 +141,17 @@ def test_a_lag_that_changes_is_named_with_its_frame(later, cause: str | None, sa
     found = changing_lags(adjustment, np.zeros((4, len(KINDS))), SimpleNamespace(spread=lambda count: frames))
     assert [(each.camera, each.cause) for each in found] == ([(RIG.names[2], cause)] if cause else [])
     assert all(re.search(says, each.words) for each in found)
+
+
+@pytest.mark.parametrize(("others", "all_move"), [(0.4, False), (1.2, True)])
+def test_cameras_that_are_a_little_off_move_with_those_that_are_clearly_off(others: float, all_move: bool) -> None:
+    change = np.zeros((len(RIG), len(KINDS)))
+    change[:, CENTRE] = 0.01 * others
+    change[1, CENTRE] = 0.05
+    moved = change > 0.04
+    free = np.broadcast_to(np.isin(np.arange(len(KINDS)), [7, 8]), change.shape)
+    solution = CameraSolution(change, np.zeros(1), None, free, 1e-4 * np.eye(int(free.sum())), cost=1.0)
+    np.testing.assert_array_equal(with_all_cameras(moved, solution), free if all_move else moved)
 
 
 def test_a_few_cameras_that_stay_while_most_move_are_implausible() -> None:

@@ -40,6 +40,7 @@ CLEAR = 4.0
 _MAX_LEFT = (
     0.7  # mean distance, in a frame's deviations, of what stays: 0.25 to 0.55 beside one wrong camera, else 0.84 on
 )
+_MAX_COST_RATIO = 1.1  # cost of the contours with the chosen changes over that with all of them, at most
 _NEGLIGIBLE_COST = 0.5 * CLEAR**2  # cost in a frame that one parameter must explain to be clear
 UNDETERMINED = 0.7
 """A parameter known no better than this share of its prior standard deviation is not determined."""
@@ -71,6 +72,7 @@ class Refinement:
         undetermined: (camera, parameter) bool: those that the masks do not determine.
         fixed: number of the camera that stood still; None where all cameras kept their places.
         before, after: how well frames that had no part are explained.
+        settled: whether the changes explain the outlines about as well as if all parameters had changed.
     """
 
     rig: CameraRig
@@ -81,12 +83,17 @@ class Refinement:
     fixed: int | None
     before: Overlaps
     after: Overlaps
+    settled: bool = True
 
     @property
     def better(self) -> bool:
         """Whether frames that had no part are explained better, all views together and each by the others alone."""
         pairs = (self.before.together, self.after.together), (self.before.apart, self.after.apart)
-        return bool(self.moved.any()) and all(np.nanmean(after) > np.nanmean(before) for before, after in pairs)
+        return (
+            bool(self.moved.any())
+            and self.settled
+            and all(np.nanmean(after) > np.nanmean(before) for before, after in pairs)
+        )
 
     def offsets(self, scene: Scene) -> dict[str, float]:
         """The delay of each camera of the refined scene with the changes, as a scene file states it [s]."""
@@ -161,16 +168,18 @@ def _select_and_judge(
     moved[free], determined[free], deviation[free] = select_parameters(
         solution.change[free], solution.covariance, sigma[free], groups_of(len(free))[free]
     )
-    # Where all cameras are a little off, none of them may stay: the world would be wrong by as much as that one.
-    stayed = free & ~moved
-    if fixed is None and moved.any() and mean_distance(solution, stayed) > _MAX_LEFT:
-        respect = max(map(int, np.unique(RESPECT)), key=lambda each: moved[:, each == RESPECT].any(axis=1).sum())
-        moved |= (respect == RESPECT) & free
+    if fixed is None:
+        moved = with_all_cameras(moved, solution)
     # Solve once more for these alone.
-    change, beta = np.where(moved, solution.change, 0.0), solution.beta
-    if moved.any():
+    change, beta, most = np.where(moved, solution.change, 0.0), solution.beta, _MAX_COST_RATIO * solution.cost
+    for attempt in range(2 if moved.any() else 0):
+        # The person is tracked once more where it is stuck beside what explains its outlines.
+        if attempt:
+            person = adjustment.track_person(change, person.subject)
         solution = adjustment.solve(change, person, np.where(moved, sigma, 0.0), again=True)
         change, beta = solution.change, solution.beta
+        if solution.cost <= most:
+            break
     before, after = (_held_out_overlaps(adjustment, person, beta, each) for each in (np.zeros_like(change), change))
     if fixed is not None and adjustment.world_is_chosen and implausible(moved):
         change = _in_the_mean_world(adjustment, person, change)
@@ -179,15 +188,24 @@ def _select_and_judge(
     full = np.ones(change.shape)
     full[:, CENTRE] = 1.0 / adjustment.footage.scale
     rig = changed(adjustment.scene.calibrated, full * change)
-    return Refinement(rig, full * change, STATED * full * deviation, moved, ~determined, fixed, before, after)
+    settled = solution.cost <= most
+    return Refinement(rig, full * change, STATED * full * deviation, moved, ~determined, fixed, before, after, settled)
 
 
-def mean_distance(solution: CameraSolution, some: np.ndarray) -> float:
-    """Mean Mahalanobis distance of ``some`` (camera, parameter) of the free parameters from zero, all together."""
-    own = some[solution.free]
-    value = solution.change[some]
-    squared = value @ np.linalg.solve(solution.covariance[np.ix_(own, own)], value)
-    return float(np.sqrt(squared / max(1, len(value))))
+def with_all_cameras(moved: np.ndarray, solution: CameraSolution) -> np.ndarray:
+    """What moved (camera, parameter) in any camera, in all of them, where those that stayed are a little off too.
+
+    If one of these stayed, the world would be wrong by as much as that camera is. Each parameter that stayed may be off
+    by chance alone; together they may not be.
+    """
+    stayed = solution.free & ~moved
+    own, value = stayed[solution.free], solution.change[stayed]
+    squared = float(value @ np.linalg.solve(solution.covariance[np.ix_(own, own)], value))
+    if not moved.any() or squared <= _MAX_LEFT**2 * len(value):
+        return moved
+    # What most cameras changed in is enough.
+    respect = max(RESPECT.tolist(), key=lambda each: moved[:, each == RESPECT].any(axis=1).sum())
+    return moved | (solution.free & (respect == RESPECT))
 
 
 def implausible(moved: np.ndarray) -> bool:

@@ -1,12 +1,14 @@
-"""A headless Chromium that tests may drive, over its debugging pipe: no driver and no library needed."""
+"""Browsers that tests may drive: Chromium and Firefox, over their own protocols; no driver and no library is needed."""
 
 from __future__ import annotations
 
+import base64
 import fcntl
 import json
 import os
 import select
 import shutil
+import socket
 import subprocess
 import time
 from pathlib import Path
@@ -20,6 +22,30 @@ _PATIENCE = 60.0  # [s]
 def find_browser() -> str | None:
     """The program, or None where there is none."""
     return next((path for name in _NAMES if (path := shutil.which(name))), None)
+
+
+def find_firefox() -> str | None:
+    """The program, or None where there is none."""
+    return shutil.which("firefox") or shutil.which("firefox-esr")
+
+
+def _find_axe() -> Path | None:
+    """axe-core's script, where node would find it: in ``NODE_PATH`` or in a folder ``node_modules`` of the checkout."""
+    folders = [
+        *filter(None, os.environ.get("NODE_PATH", "").split(os.pathsep)),
+        Path(__file__).parents[1] / "node_modules",
+    ]
+    return next((path for folder in folders if (path := Path(folder) / "axe-core" / "axe.min.js").exists()), None)
+
+
+AXE = _find_axe()
+
+
+def violations(browser: Browser | Firefox) -> list[list[str]]:
+    """What axe finds against a page: each rule with the elements that break it."""
+    found = "violations.map(({ id, nodes }) => [id, ...nodes.map((node) => node.html.slice(0, 100))])"
+    run = f"axe.run(document, {{resultTypes: ['violations']}}).then(({{ violations }}) => {found})"
+    return browser.run(f"(() => {{ {AXE.read_text(encoding='utf-8')}; return {run}; }})()")
 
 
 class Browser:
@@ -83,7 +109,8 @@ class Browser:
                 return message["result"]
 
     def open(self, page: Path) -> None:
-        """Load a file and wait until it is there."""
+        """Load a file and wait until it is there; what was told of another one before is forgotten."""
+        self.events.clear()
         self.ask("Page.navigate", url=page.resolve().as_uri())
         while ("Page.loadEventFired", None) not in [(method, None) for method, _ in self.events]:
             self._next()
@@ -114,3 +141,83 @@ class Browser:
         if "method" in message:
             self.events.append((message["method"], message.get("params", {})))
         return message
+
+
+class Firefox:
+    """One page of a Firefox, over Marionette, which every Firefox speaks; expressions see the DOM alone.
+
+    A headless Firefox draws nothing in three dimensions without a GPU, so it gets a display where there is Xvfb.
+
+    Attributes:
+        draws: whether it has a display.
+    """
+
+    def __init__(self, program: str, profile: Path) -> None:
+        (profile / "user.js").write_text('user_pref("marionette.port", 0);\nuser_pref("webgl.force-enabled", true);\n')
+        flags = ["--marionette", "--no-remote", "--profile", str(profile)]
+        nowhere = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        environment, self._display = dict(os.environ), None
+        self.draws = shutil.which("Xvfb") is not None
+        if self.draws:
+            told, tells = os.pipe()
+            screen = ["Xvfb", "-displayfd", str(tells), "-screen", "0", "1600x1200x24"]
+            self._display = subprocess.Popen(screen, pass_fds=[tells], **nowhere)
+            os.close(tells)
+            with os.fdopen(told) as number:
+                environment |= {"DISPLAY": f":{number.readline().strip()}", "LIBGL_ALWAYS_SOFTWARE": "1"}
+        else:
+            flags.append("--headless")
+        self._process = subprocess.Popen([program, *flags], env=environment, **nowhere)
+        place, give_up = profile / "MarionetteActivePort", time.monotonic() + _PATIENCE
+        while not (place.exists() and place.read_text().strip()):
+            if time.monotonic() > give_up or self._process.poll() is not None:
+                raise RuntimeError("Firefox does not answer")
+            time.sleep(0.1)
+        self._socket = socket.create_connection(("127.0.0.1", int(place.read_text())), timeout=_PATIENCE)
+        self._stream, self._number = self._socket.makefile("rb"), 0
+        self._next()  # it says who it is
+        self.ask("WebDriver:NewSession")
+
+    def __enter__(self) -> Firefox:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._stream.close()
+        self._socket.close()
+        for process in filter(None, (self._process, self._display)):
+            process.terminate()
+            process.wait()
+
+    def ask(self, command: str, **parameters: Any) -> Any:
+        """Give a command of WebDriver's and wait for its answer."""
+        self._number += 1
+        text = json.dumps([0, self._number, command, parameters])
+        self._socket.sendall(f"{len(text)}:{text}".encode())
+        _, _, error, answer = self._next()
+        if error:
+            raise RuntimeError(f"{command}: {error['message']}")
+        return answer
+
+    def open(self, page: Path) -> None:
+        """Load a file and wait until it is there."""
+        self.ask("WebDriver:Navigate", url=page.resolve().as_uri())
+
+    def run(self, expression: str) -> Any:
+        """The value of a JavaScript expression of the document, or what it promises."""
+        script = f"const done = arguments[arguments.length - 1]; Promise.resolve({expression}).then(done)"
+        return self.ask("WebDriver:ExecuteAsyncScript", script=script, args=[])["value"]
+
+    def press(self, keys: str) -> None:
+        """Press keys, one after the other."""
+        strokes = [{"type": kind, "value": key} for key in keys for kind in ("keyDown", "keyUp")]
+        self.ask("WebDriver:PerformActions", actions=[{"type": "key", "id": "keys", "actions": strokes}])
+
+    def picture(self) -> bytes:
+        """The window as PNG."""
+        return base64.b64decode(self.ask("WebDriver:TakeScreenshot", full=False)["value"])
+
+    def _next(self) -> Any:
+        length = b""
+        while (digit := self._stream.read(1)) != b":":
+            length += digit
+        return json.loads(self._stream.read(int(length)))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -105,6 +106,18 @@ def arm_robot() -> BodyModel:
     )
     rest = np.array([(0.0, 0.0, 0.0), *((0.0, height, 0.0) for height in heights)])
     return _box_body("Arm", skeleton, rest, boxes)
+
+
+@cache
+def lift() -> BodyModel:
+    """The arm with a third axis that slides, and skin of which each joint carries a part and the next one the rest."""
+    arm = arm_robot()
+    joint, weight = arm.skin.joint.copy(), arm.skin.weight.copy()
+    joint[:, 1] = np.minimum(joint[:, 0] + 1, len(arm.joint_rest) - 1)
+    weight[:, :2] = 0.7, 0.3
+    return replace(
+        arm, skeleton=replace(arm.skeleton, sliding=("Axis3",)), skin=replace(arm.skin, joint=joint, weight=weight)
+    )
 
 
 def write_box(path: Path, half: tuple[float, float, float], faces: np.ndarray = _FACES) -> Path:

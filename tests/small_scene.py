@@ -12,21 +12,21 @@ from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 
 FRAMES = 3
 SIZE = (64, 48)
-SCENE = """
-[scene]
-fps = 60
-up = "+y"
-
+CAMERAS = """
 [cameras]
 calibration = "calibration.toml"
-
 [cameras.cam01]
 masks = "masks/cam01"
 [cameras.cam02]
 masks = "masks/cam02"
 [cameras.cam03]
 masks = "masks/cam03"
-
+"""
+SCENE = f"""
+[scene]
+fps = 60
+up = "+y"
+{CAMERAS}
 [track]
 evaluations = 30
 """

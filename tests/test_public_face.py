@@ -100,7 +100,7 @@ def test_a_body_is_fitted_and_then_tracked(walk, tmp_path, monkeypatch):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["walk.subject.usdc", "walk.usdc"]
     in_memory, from_file = mm.evaluate(again), mm.evaluate(output)  # both find the scene and its truth
     assert all(in_memory[key] == from_file[key] for key in ("mean_iou", "mpjpe_mm", "marker_error_mm"))
-    with pytest.warns(UserWarning, match=r"give scene, or that file"):
+    with pytest.warns(UserWarning, match=r"give the scene, or the result as a file"):
         assert "mpjpe_mm" not in mm.evaluate(result)
     with pytest.raises(mm.InputError, match=r"walk.usdc: exists already"):
         mm.track(quick, kept, output=output)
@@ -124,7 +124,7 @@ def test_wrong_arguments_are_named_as_in_python(walk):
         mm.measure(result, frames="90:95")
     with pytest.raises(mm.UsageError, match=r"^resume continues what force would replace"):
         mm.track(walk, resume=True, force=True)
-    with pytest.raises(mm.UsageError, match=r"^output must be named"):
+    with pytest.raises(mm.UsageError, match=r"^output is missing"):
         mm.show(result)
     with pytest.raises(IndexError, match="frame must be 0 to 5, for the recording's 10 to 15, got 999"):
         mm.overlay(result, frame=999)

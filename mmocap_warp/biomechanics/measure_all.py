@@ -59,7 +59,6 @@ class RunMeasures:
         joints: (frame, joint, 3), joint centres in the world [m].
         joint_sigma: likewise, their standard deviations along the world's axes; None where they are not known.
         angles: by joint and name, (frame,) each [degrees]; of a body that is no person, by axis of the joint's frame.
-        held: a person's angles that the model does not search, and which are left out, such as ``LElbow pronation``.
         shifts: by joint that slides and axis of its frame, (frame,) each, from the bind pose [m].
         feet: by side; of a body that is no person, by joint.
         walking: steps and strides.
@@ -70,7 +69,6 @@ class RunMeasures:
     joints: np.ndarray
     joint_sigma: np.ndarray | None
     angles: dict[str, dict[str, np.ndarray]]
-    held: tuple[str, ...]
     shifts: dict[str, dict[str, np.ndarray]]
     feet: dict[str, Foot]
     walking: Walking
@@ -87,6 +85,7 @@ class Measures:
         sex: whose shares of mass were taken; None for the mean of both.
         runs: the runs that were measured.
         left_out: what the body has no joints for.
+        held: a person's angles that the model does not search, and which are left out, such as ``LElbow pronation``.
         files: the tables and plots that were written.
     """
 
@@ -95,6 +94,7 @@ class Measures:
     sex: Sex | None
     runs: tuple[RunMeasures, ...]
     left_out: tuple[str, ...]
+    held: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
 
     @property
@@ -132,8 +132,10 @@ def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex 
     if poses is None:
         raise ValueError("raw must be False for a track that was not smoothed")
     chosen = range(len(poses)) if run is None else [run]
-    measured = tuple(_measure_run(result, poses[number], number, raw, sex) for number in chosen)
-    return Measures(result, raw, sex, measured, tuple(_missing_measures(result.subject.body, measured[0])))
+    held = _angles_not_searched(result, poses[chosen[0]][0])
+    measured = tuple(_measure_run(result, poses[number], number, raw, sex, held) for number in chosen)
+    left_out = tuple(_missing_measures(result.subject.body, measured[0]))
+    return Measures(result, raw, sex, measured, left_out, tuple(f"{joint} {name}" for joint, name in held))
 
 
 def _missing_measures(body: BodyModel, measured: RunMeasures) -> list[str]:
@@ -143,7 +145,9 @@ def _missing_measures(body: BodyModel, measured: RunMeasures) -> list[str]:
     return left_out + (["centre of mass"] if measured.centre_of_mass is None else [])
 
 
-def _measure_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
+def _measure_run(
+    result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None, held: list[tuple[str, str]]
+) -> RunMeasures:
     subject, body = result.subject, result.subject.body
     transforms = Poser(body, subject.root_base).joint_transforms(pose)
     joints = transforms[:, :, :3, 3].astype(float)
@@ -155,13 +159,16 @@ def _measure_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex
         for name, joint in feet_of(body).items()
         if name in feet
     }
-    angles, held = _searched_angles(result, pose, transforms)
+    angles = {
+        joint: {name: angle for name, angle in own.items() if (joint, name) not in held}
+        for joint, own in joint_angles(body, transforms).items()
+    }
+    angles = {joint: own for joint, own in angles.items() if own}
     return RunMeasures(
         run=run,
         joints=joints,
         joint_sigma=None if raw or result.joint_sigma is None else result.joint_sigma[run],
         angles=angles or own_angles(body.skeleton, pose, result.config.get("dof")),
-        held=held,
         shifts=own_shifts(body.skeleton, pose, result.config.get("dof")),
         feet=feet,
         walking=walking(feet, heel, joints[:, 0], seconds, up),
@@ -169,21 +176,12 @@ def _measure_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex
     )
 
 
-def _searched_angles(
-    result: Result, pose: np.ndarray, transforms: np.ndarray
-) -> tuple[dict[str, dict[str, np.ndarray]], tuple[str, ...]]:
-    """A person's joint angles (frame,) by joint and name [degrees], and the names of those that the model holds still.
-
-    The latter are left out: they would say what the body's bind pose is.
-    """
-    body = result.subject.body
-    angles = joint_angles(body, transforms)
-    model = result.config.get("dof")
-    if not angles or model is None:
-        return angles, ()
+def _angles_not_searched(result: Result, pose: np.ndarray) -> list[tuple[str, str]]:
+    """A person's joint angles, by joint and name, that the model holds still: they would tell only the bind pose."""
+    body, model = result.subject.body, result.config.get("dof")
+    if model is None:
+        return []
     searched = body.skeleton.searched_angles(model)
-    turned = np.repeat(pose[:1], len(searched) + 1, axis=0)
+    turned = np.repeat(pose[None], len(searched) + 1, axis=0)
     turned[np.arange(len(searched)), searched] += np.radians(1.0)  # the last pose stays as it is
-    held = held_angles(joint_angles(body, Poser(body, result.subject.root_base).joint_transforms(turned)))
-    left = {joint: {name: own[name] for name in own if (joint, name) not in held} for joint, own in angles.items()}
-    return {joint: own for joint, own in left.items() if own}, tuple(f"{joint} {name}" for joint, name in held)
+    return held_angles(joint_angles(body, Poser(body, result.subject.root_base).joint_transforms(turned)))

@@ -119,7 +119,7 @@ def report(measures: Measures) -> dict[str, Any]:
         "shown_run": measures.shown.run,
         "shares_of_mass": measures.sex or "mean of female and male",
         "left_out": list(measures.left_out),
-        "not_searched": list(measures.shown.held),
+        "not_searched": list(measures.held),
         "lengths_mm": {
             bone: {"length": 1000 * length, "sigma": 1000 * sigma} for bone, (length, sigma) in measures.lengths.items()
         },

@@ -1,4 +1,7 @@
-"""Pose a body: joint transforms and skinned vertices of poses."""
+"""Pose a body: joint transforms and skinned vertices of poses.
+
+Warp is imported by the first pose: it takes half a second, which most commands need not spend.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
-from mmocap_warp.kernels.body.kinematics import Body, Joints, pose_joints
-from mmocap_warp.kernels.body.skinning import skin
-from mmocap_warp.kernels.structs import allocated
 
 POSES_AT_ONCE = 4096  # poses whose joints are computed together; each takes 1.4 KB
 _VERTICES_AT_ONCE = 1 << 20  # vertices that are posed together; they take 12 MB
@@ -27,6 +26,9 @@ def make_body_arrays(
     one of ``bases``, or of copies if not given.
     Influences are sorted by falling weight, because the skinning kernel always adds the first and skips zeros.
     """
+    from mmocap_warp.kernels.body.kinematics import Body
+    from mmocap_warp.kernels.structs import allocated
+
     by_weight = np.argsort(-mesh.weight, axis=1, kind="stable")
     skeleton = body.skeleton
     return allocated(
@@ -47,6 +49,9 @@ def make_body_arrays(
 
 def make_joint_arrays(candidates: int, joints: int, device: str) -> Any:
     """Room for the joints of candidates, in the struct that kernels take."""
+    from mmocap_warp.kernels.body.kinematics import Joints
+    from mmocap_warp.kernels.structs import allocated
+
     return allocated(Joints, device, transform=(candidates, joints), skin_matrix=(candidates, joints))
 
 
@@ -80,6 +85,10 @@ class Poser:
 
     def vertices(self, pose: np.ndarray) -> np.ndarray:
         """The full mesh's vertices in the world for poses (n, coordinate): (n, vertex, 3) float32 [m]."""
+        import warp as wp
+
+        from mmocap_warp.kernels.body.skinning import skin
+
         joints = self._pose(pose)
         shape = (joints.transform.shape[0], self._full.rest.shape[1])
         posed = wp.empty(shape, dtype=wp.vec3, device=self._device)
@@ -92,6 +101,10 @@ class Poser:
         return self.vertices(pose)[:, self._tracking]
 
     def _pose(self, pose: np.ndarray) -> Any:
+        import warp as wp
+
+        from mmocap_warp.kernels.body.kinematics import pose_joints
+
         poses = np.atleast_2d(np.asarray(pose, np.float32))
         if poses.shape[1] != self._coordinates:
             raise ValueError(f"pose must be (n, {self._coordinates}), got {poses.shape}")

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, AdjustConfig, Deviations
 from mmocap_warp.cli.command import Answer, Given, attributes, command
-from mmocap_warp.cli.console import CHECK_FAILED, OK, Output, flags_of, given, table
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Output, flags_of, given, next_step, table
+from mmocap_warp.formats.toml_table import quoted_path
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.camera_check import CameraCheck, Finding
@@ -34,7 +35,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     pictures=Annotated[Path | None, Output],
     settings=AdjustFlags | None,
 )
-def check(call: Any) -> Answer:
+def check(call: Any, loaded: Scene) -> Answer:
     result = call()
     overlaps = [None] * len(result.names) if result.overlap is None else result.overlap.tolist()
     judged = list(zip(result.names, result.covered, overlaps, strict=True))
@@ -44,7 +45,12 @@ def check(call: Any) -> Answer:
     lines += [str(picture) for picture in result.pictures]
     if not result.findings:
         lines.append("no camera disagrees with the others")
+    refined = loaded.path.parent / "calibration-refined.toml"
+    step = next_step("calib", "refine", loaded.path, "-o", refined)
+    if can_be_refined := bool(result.findings) and all(finding.change is not None for finding in result.findings):
+        lines.append(f"next: {step}")
     values = {
+        "next": step if can_be_refined else None,
         "cameras": {name: {"covered_by_the_others": covered, "iou": iou} for name, covered, iou in judged},
         "findings": [_finding_values(finding, result) for finding in result.findings],
         "pictures": result.pictures,
@@ -101,9 +107,12 @@ def refine(call: Any, loaded: Scene, output: Path, deviations: Any) -> Answer:
     if result.better:
         lines.append(f"{output}: {int(result.moved.any(axis=1).sum())} of {len(result.rig)} cameras changed")
         lines += _scene_lines(result, loaded)
+        named = quoted_path(output, loaded.path.resolve().parent)
+        step = next_step("track", loaded.path, "-o", loaded.path.parent / "result.usdc")
+        lines.append(f"next: set calibration = {named} under [cameras], then {step}")
     else:
-        why = "frames that had no part are explained no better than before" if result.moved.any() else "nothing moved"
-        lines.append(f"not written, and the scene's calibration stays as it is: {why}")
+        why = "held-out frames are not explained better" if result.moved.any() else "no camera has to change"
+        lines.append(f"nothing is written: {why}")
     values = _refinement_values(result, loaded) | {"file": output if result.better else None}
     return Answer(values, lines, OK if result.better else CHECK_FAILED)
 
@@ -143,7 +152,7 @@ def _refinement_lines(result: Refinement) -> list[str]:
         rows.append((names[k], KINDS[kind].replace("_", " "), f"{by:+.2f}", f"{sigma:.2f}", unit))
     lines = [table(rows)] if len(rows) > 1 else ["no camera has to change"]
     fixed = "all cameras in their places" if result.fixed is None else names[result.fixed]
-    lines.append(f"fixed: {fixed}; what is not named stayed exactly as it was")
+    lines.append(f"fixed: {fixed}; parameters that are not listed have not changed")
     unknown = [f"{names[k]} {KINDS[kind].replace('_', ' ')}" for k, kind in np.argwhere(result.undetermined)]
     if unknown:
         lines.append(f"not determined by these masks: {', '.join(unknown)}")
@@ -160,7 +169,7 @@ def _scene_lines(result: Refinement, scene: Scene) -> list[str]:
     """What is to be changed in the scene file."""
     lines = []
     if any(source.centre_shift != (0.0, 0.0) for source in scene.cameras):
-        lines.append("its principal points hold the scene's centre_shift: leave that out with this calibration")
+        lines.append("remove centre_shift from the scene: the new principal points contain it")
     offsets = result.offsets(scene)
     for k, source in enumerate(scene.cameras):
         if result.moved[k, OFFSET]:

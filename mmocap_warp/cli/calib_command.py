@@ -106,11 +106,11 @@ def _lines(scene: Scene, cameras: SolvedCameras, height: float, output: Path, pi
     lines = [
         table(rows),
         lenses,
-        f"{len(cameras.frames)} frames of a walk over {extent[0]:.1f} x {extent[1]:.1f} m; the outlines' "
-        f"tangents agree between views to {cameras.missed / cameras.scale:.1f} px in the median ('agree': share within "
-        "3 px of images at most 960 long)",
-        "+- are standard deviations over parts of the recording; they do not see what all frames have in common, such "
-        "as shadows at the feet, or a camera that lags: run mmocap sync first where cameras are not triggered together",
+        f"{len(cameras.frames)} frames of a walk over {extent[0]:.1f} x {extent[1]:.1f} m; the outlines' tangents "
+        f"differ between views by {cameras.missed / cameras.scale:.1f} px in the median",
+        "agree: the share of tangents that differ by at most 3 px in images of at most 960 px",
+        "+-: the standard deviation between parts of the recording, without errors that all frames share, such as "
+        "shadows at the feet or a camera that lags; run mmocap sync first if no trigger starts the cameras together",
         f'{output}: metres, the floor at zero, up = "{cameras.rig.up}"',
     ]
     # What was written, and what to do next.

@@ -33,9 +33,9 @@ def track(call: Any, console: Console, loaded: Scene, output: Path) -> int:
     try:
         report, warning = evaluate_in_scene(tracked, loaded)
     except InputError:
-        console.warn(f"{output} is written, but cannot be compared with the scene's truth:")
+        console.warn(f"{output} is written; its comparison with the scene's truth failed:")
         raise
-    step = next_step("show", output)
+    step = (report["verdict"]["cameras"] and report["verdict"]["next"]) or next_step("show", output)
     values = {"result": output, **report, "config": tracked.config, "next": step}
     console.result(values, f"{output}\n{summary(report)}\nnext: {step}")
     if warning:
@@ -54,8 +54,9 @@ def track(call: Any, console: Console, loaded: Scene, output: Path) -> int:
 def fit(call: Any, output: Path) -> Answer:
     subject = call()
     known, name = subject.provenance, subject.body.name
-    values = {"file": output, "body": name, "height_m": known["body.height"], **known}
-    return Answer(values, [f"{output}: {name}, {_measures(known)}"])
+    step = next_step("show", output)
+    values = {"file": output, "body": name, "height_m": known["body.height"], **known, "next": step}
+    return Answer(values, [f"{output}: {name}, {_measures(known)}", f"next: {step}"])
 
 
 def _measures(provenance: dict[str, str | float | int]) -> str:
@@ -66,8 +67,8 @@ def _measures(provenance: dict[str, str | float | int]) -> str:
     if of_size == 0:
         return f"{size}, as given; seen in {frames} frames"
     sigma = [1000 * float(value) for name, value in provenance.items() if re.fullmatch(r"body\.bone\..*\.sigma", name)]
-    bones = f", bones to {min(sigma):.0f} to {max(sigma):.0f} mm" if sigma else ""
-    return f"{size}, known to {of_size:.0f} mm{bones} from {frames} frames"
+    bones = f", its bones to {min(sigma):.0f}-{max(sigma):.0f} mm" if sigma else ""
+    return f"{size}, known to {of_size:.0f} mm{bones}, from {frames} frames"
 
 
 @command("demo:demo", example=Given(Literal["walk", "fox", "hand", "quadruped", "arm"], kind=BY_PLACE))
@@ -82,7 +83,7 @@ def demo(call: Any, example: str) -> Answer:
         values["paper"] = {**report, **its_files}
         files += its_files.items()
         lines += ["", beside({TrackConfig().algorithm: shown.report, PAPERS: report}), ""]
-    failure = f"Eq. 20 from own answer is over {MOST_ERROR_MM:.0f} mm"
+    failure = f"the mean marker error (Eq. 20) is over {MOST_ERROR_MM:.0f} mm"
     if example != "walk":
         values |= {"size_m": shown.size, "mpjpe_share": shown.share}
         lines += [f"MPJPE is {100 * shown.share:.2f} % of the {EXAMPLES[example].body}'s {shown.size:.2f} m", ""]
@@ -97,15 +98,21 @@ def demo(call: Any, example: str) -> Answer:
 def evaluate(call: Any) -> Answer:
     report = call()
     good = report["verdict"]["holds"] and report.get("other_world") is None
-    return Answer(report, [summary(report)], OK if good else CHECK_FAILED)
+    step = report["verdict"]["next"]
+    return Answer(report, [summary(report), *([f"next: {step}"] if step else [])], OK if good else CHECK_FAILED)
 
 
 @command("show:show", order="output scene whole slow deviations strip", result=Path, frames=ResultFrames)
-def show(call: Any) -> Answer:
+def show(call: Any, result: Path) -> Answer:
     drawn = call()
     known = {"video": drawn.video, "sheet": drawn.sheet, "strip": drawn.strip}
     files = {kind: file for kind, file in known.items() if file is not None}
-    return Answer({**files, **drawn.report}, [*files.values(), *_judgement(drawn.report)])
+    lines, values = [*files.values(), *_judgement(drawn.report)], {**files, **drawn.report}
+    if drawn.report:
+        export = next_step("export", result, "-o", result.with_suffix(".glb"))
+        values["next"] = drawn.report["verdict"]["next"] or export
+        lines.append(f"next: {values['next']}")
+    return Answer(values, lines)
 
 
 @command("show:view", order="output images rerun scene", truth=None, name=None)
@@ -166,9 +173,15 @@ def _measures_text(values: dict[str, Any]) -> str:
         for bone, length in values["lengths_mm"].items()
     ]
     parts.append(table([("bone", "length [mm]", "sigma [mm]"), *lengths]))
-    parts += [f"left out, for lack of such joints: {', '.join(values['left_out'])}"] if values["left_out"] else []
+    parts += (
+        [f"left out, because the body lacks their joints: {', '.join(values['left_out'])}"]
+        if values["left_out"]
+        else []
+    )
     if values["not_searched"]:
-        parts.append(f"left out, since the model does not search them: {', '.join(values['not_searched'])}")
+        parts.append(
+            f"left out, because the model does not search them: {', '.join(values['not_searched']).replace('_', ' ')}"
+        )
     if "files" in values:
         parts.append("\n".join(values["files"]))
     return "\n\n".join(parts)

@@ -24,8 +24,20 @@ _DECIDED_BY = {
 }
 
 
-def _track_step(scene: Path) -> str:
-    return next_step("track", scene, "-o", scene.parent / "result.usdc")
+_LONGER_SIDE = 720
+"""Pixels to which ``next:`` scales the longer side of large images: enough for a body that fills them."""
+
+
+def _scale_options(scene: Scene) -> tuple[str, ...]:
+    """``--scale`` with a power of two, where images are large and the scene names no scale."""
+    scale, longest = 1.0, int(scene.calibrated.size.max())
+    while scale * longest > _LONGER_SIDE:
+        scale /= 2
+    return () if scale == 1 or "scale" in scene.track else ("--scale", f"{scale:g}")
+
+
+def _track_step(scene: Path, result_folder: Path, *options: str) -> str:
+    return next_step("track", scene, "-o", result_folder / "result.usdc", *options)
 
 
 @command("new_scenes:init")
@@ -41,10 +53,11 @@ def init(call: Any, folder: Path) -> Answer:
 
 
 @command("mask:mask", frames=SceneFrames)
-def mask(call: Any) -> Answer:
+def mask(call: Any, loaded: Scene, scale: float) -> Answer:
     masks = call()
     report, good = masks.report, masks.remedy is None
-    step = next_step("track", masks.scene, "-o", masks.source.parent / "result.usdc")
+    options = _scale_options(loaded) if scale == 1 else ()
+    step = _track_step(masks.scene, masks.source.parent, *options)
     views = {
         name: {
             "area_px": view.area,
@@ -78,7 +91,7 @@ def _mask_table(report: MaskReport) -> list[str]:
         shares = f"{_percent(view.explained):>10} {_percent(view.covered):>8}"
         columns = " ".join(f"{area:8.0f}" for area in areas)
         lines.append(f"{name:<12} {columns} {(view.area == 0).sum():8d} {shares}")
-    return lines
+    return [*lines, "explained: of its mask by the other cameras; covered: of what these see by its mask"]
 
 
 def _percent(share: float) -> str:
@@ -92,9 +105,10 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     loaded = load_scene(scene, masks=False)
     shown = call(scene=loaded)
     have_masks = all(source.masks is not None for source in loaded.cameras)
-    step = _track_step(loaded.path)
+    folder, options = loaded.path.parent, _scale_options(loaded)
+    step = _track_step(loaded.path, folder, *options)
     if not have_masks:
-        step = next_step("mask", loaded.path, "-o", loaded.path.parent / "masks")
+        step = next_step("mask", loaded.path, "-o", folder / "masks", *options)
     values = {
         "cameras": [
             {"name": row.name, "size": size}
@@ -106,9 +120,9 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
         **attributes(shown, "up", mean_height_m="mean_height", mean_height_ok="plausible", pictures="pictures"),
         "next": step if shown.plausible else None,
     }
-    lines = [repr(shown), *shown.pictures, f"mean height {shown.mean_height:.2f} m along {shown.up}"]
+    lines = [repr(shown), *shown.pictures, f"the cameras' mean height is {shown.mean_height:.2f} m along {shown.up}"]
     if not shown.plausible:
-        lines.append("check failed: cameras at or below the world's zero; is [scene] up this calibration's vertical?")
+        lines.append("check failed: the cameras are on average not above the floor; correct [scene] up")
     if pictures is not None:
         lines.append(f"{pictures}: the world's axes in {len(shown.rows)} pictures, x red, y green, z blue")
     if shown.plausible:
@@ -176,7 +190,7 @@ def _scene_lines(timing: dict[str, dict[str, float]]) -> list[str]:
 @command("new_scenes:synthesize")
 def synth(call: Any, cameras: int) -> Answer:
     made = call()
-    step = _track_step(made.scene)
+    step = _track_step(made.scene, made.scene.parent)
     values = {
         "scene": made.scene,
         "body": made.recording.body.name,

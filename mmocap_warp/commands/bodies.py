@@ -111,7 +111,7 @@ def import_body(
         body_from_file(up or mesh.up, facing or mesh.facing)
     if not scale > 0 or triangles < 4 or skin_triangles < triangles:
         raise UsageError(
-            "--scale must be positive, --triangles at least 4 and --skin-triangles as many at least, "
+            "--scale must be positive, --triangles at least 4, and --skin-triangles no fewer than --triangles; "
             f"got {scale:g}, {triangles} and {skin_triangles}"
         )
     # A body's name must be an identifier.
@@ -219,11 +219,11 @@ def _tracked_poses(given: Result | str | Path, skeleton: Skeleton) -> np.ndarray
     result, path = result_from(given)
     source = path or "result"
     if result.subject.body.skeleton.joints != skeleton.joints:
-        raise InputError(source, "is a track of other joints than the body's", "give a track of this body")
+        raise InputError(source, "has other joints than the body", "give a result of this body")
     lost = np.isin(result.status[result.best_run], [STATUS.index("lost"), STATUS.index("interpolated")])
     poses = result.pose[result.best_run][~lost]
     if not len(poses):
-        raise InputError(source, "has no frame that was not lost", "give another track")
+        raise InputError(source, "is lost in all frames", "give another result")
     return poses.astype(float)
 
 

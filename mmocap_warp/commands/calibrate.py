@@ -8,20 +8,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.calibration import camera_check
 from mmocap_warp.calibration.adjust.camera_changes import AdjustConfig, Deviations
-from mmocap_warp.calibration.camera_check import CameraCheck
-from mmocap_warp.calibration.refine import refinement
-from mmocap_warp.calibration.refine.refinement import Refinement
-from mmocap_warp.calibration.solve import solution
-from mmocap_warp.calibration.solve.solution import SolvedCameras
-from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
 from mmocap_warp.cameras.rig import METRES, UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, body_from, look_first, scene_from
@@ -36,6 +29,12 @@ from mmocap_warp.scene.camera_tables import write_timing
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.whole_file import file_name
+
+if TYPE_CHECKING:  # Warp and SciPy, which looking at the cameras does not need
+    from mmocap_warp.calibration.camera_check import CameraCheck
+    from mmocap_warp.calibration.refine.refinement import Refinement
+    from mmocap_warp.calibration.solve.solution import SolvedCameras
+    from mmocap_warp.calibration.sync.synchronise import Synchronisation
 
 _BEFORE, _AFTER = (60, 60, 230), (80, 200, 60)  # BGR of the body's outline as calibrated, and as put right
 _MASK_GRAY = 110  # of a mask below these outlines
@@ -142,6 +141,8 @@ def sync(
         UsageError: ``within`` is no time.
         InputError: a single camera, or one that shows nobody, or masks and a calibration that fit no body.
     """
+    from mmocap_warp.calibration.sync.synchronise import synchronise
+
     loaded = scene_from(scene, frames, calibrated=False)
     if loaded.calibration is not None and loaded.calibrated.placed:
         look_first(loaded, None, reporter or Reporter(), trust_cameras, to_be_mended=True)
@@ -183,6 +184,8 @@ def check_cameras(
         UsageError: a setting that cannot be.
         InputError: masks that show nobody, or too few frames in which the person could be tracked.
     """
+    from mmocap_warp.calibration.camera_check import check
+
     reporter = reporter or Reporter()
     loaded = scene_from(scene, frames, identity, reporter)
     folder = None if pictures is None else new_folder(pictures, force=force)
@@ -191,7 +194,7 @@ def check_cameras(
     generic = body_from(body, loaded)
     start_warp(config.device)
     with reporter.stage("check", None) as progress:
-        result = camera_check.check(loaded, generic, config, lambda stage, done: progress(round(100 * done), 100))
+        result = check(loaded, generic, config, lambda stage, done: progress(round(100 * done), 100))
     return result if folder is None else replace(result, pictures=_draw_views(result, folder))
 
 
@@ -267,8 +270,10 @@ def refine_scene(
     scene: Scene, body: BodyModel, config: AdjustConfig, file: Path | None, reporter: Reporter
 ) -> Refinement:
     """Refine a scene's cameras, and write them to ``file``, if there is one, where they are better."""
+    from mmocap_warp.calibration.refine.refinement import refine
+
     with reporter.stage("refine", None) as progress:
-        result = refinement.refine(scene, body, config, lambda stage, done: progress(round(100 * done), 100))
+        result = refine(scene, body, config, lambda stage, done: progress(round(100 * done), 100))
     if file is not None and result.better:
         write_toml_rig(file, result.rig, offsets=result.offsets(scene))
     return result
@@ -303,11 +308,13 @@ def solve_cameras(
         UnsolvableError: the recording does not determine the cameras.
         InputError: anything wrong with the scene.
     """
+    from mmocap_warp.calibration.solve.solution import solve_cameras as solve
+
     loaded = scene_from(scene, frames, identity, calibrated=False)
     calibration = None if output is None else new_file(output, ".toml", force=force)
     image = None if picture is None else new_file(picture, ".png", force=force)
     with arguments_checked():
-        result = solution.solve_cameras(loaded, height)
+        result = solve(loaded, height)
     if calibration is not None:
         write_toml_rig(calibration, result.rig)
     if image is not None:

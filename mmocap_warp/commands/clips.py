@@ -71,9 +71,9 @@ def make_sequences(
     if clip is not None and len(sequences) != 1:
         raise UsageError("--clip needs one --sequence, whose person and cameras it takes")
     if clip is not None and sequences[0] not in SEQUENCES:
-        raise UsageError(f"--clip goes with one of {', '.join(SEQUENCES)}, not with {sequences[0]}")
+        raise UsageError(f"--clip needs a --sequence of {', '.join(SEQUENCES)}, got {sequences[0]}")
     if clip is None and (skeleton or markers):
-        raise UsageError(f"--{'skeleton' if skeleton else 'markers'} belongs to a --clip")
+        raise UsageError(f"--{'skeleton' if skeleton else 'markers'} needs --clip")
     _check_degradation(degrade)
     folder = new_folder(folder, force=force)
     scenes = {}
@@ -204,7 +204,7 @@ def _tracker_settings(text: str, scale: float, device: str, threads: int | None)
     for pair in pairs:
         name, _, value = pair.partition("=")
         if name in _COMMON_SETTINGS:
-            raise UsageError(f"--tracker {text}: {name} is a setting of the whole ablation")
+            raise UsageError(f"--tracker {text}: {name} holds for all trackers; give it as --{name}")
         try:
             values[name] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:

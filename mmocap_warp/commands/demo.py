@@ -94,7 +94,7 @@ def demo(
     if example != "walk" and example not in EXAMPLES:
         raise UsageError(f"--example must be one of {['walk', *EXAMPLES]}, got {example!r}")
     if paper and example != "walk":
-        raise UsageError("--paper is of the walk; leave it out")
+        raise UsageError("--paper works with the walk only; leave it out")
     folder = new_folder(output, force=True)
     return _walk(folder, paper, reporter) if example == "walk" else _made_example(example, folder, reporter)
 

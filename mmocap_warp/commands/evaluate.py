@@ -149,7 +149,7 @@ def measure(
     tracked, _ = result_from(result)
     tracked = tracked.at(positions_of(tracked, frames))
     if raw and tracked.raw_pose is None:
-        raise UsageError("--raw needs a result that was smoothed; this one was not")
+        raise UsageError("--raw needs a result that was smoothed; this one was not: leave --raw out")
     folder = None if output is None else new_folder(output, force=force)
     start_warp()
     with arguments_checked():

@@ -11,16 +11,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.calibration.first_look import look
 from mmocap_warp.commands.caller import Reporter, arguments_checked
 from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.formats.truth_file import load_truth
-from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.masks.cleanup import clean_mask, rivals
 from mmocap_warp.masks.mask_image import Labels, decode_mask
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.scene.scene_toml import load_scene
@@ -90,6 +86,8 @@ def result_from(result: Result | str | Path) -> tuple[Result, Path | None]:
         return result, None
     if not isinstance(result, str | Path):
         raise TypeError(f"result must be a Result or the path of one, not a {type(result).__name__}")
+    from mmocap_warp.formats.usd.usd_result import read_result  # OpenUSD takes a quarter of a second
+
     return read_result(result), Path(result)
 
 
@@ -104,6 +102,8 @@ def body_from(body: BodyModel | str | Path | None, scene: Scene) -> BodyModel:
         return body
     if not isinstance(body, str | Path | None):
         raise TypeError(f"body must be a BodyModel, the name of one or its path, not a {type(body).__name__}")
+    from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
+
     return load_body(body or scene.body or DEFAULT_BODY, "--body" if body else scene.path)
 
 
@@ -154,7 +154,7 @@ def scene_of(
         return None
     if path is None and not Path(reference).is_absolute():
         if is_result:
-            remedy = "which is not known: give scene, or that file"
+            remedy = "and that file's place is not known: give the scene, or the result as a file"
             (reporter or Reporter()).warn(f"the scene {reference} is named from the result's file, {remedy}")
         return None
     recorded = Path(reference) if path is None else path.parent / reference
@@ -168,6 +168,8 @@ def truth_of(scene: Scene | None) -> Truth | None:
     """The truth that the scene names."""
     if scene is None or scene.truth is None:
         return None
+    from mmocap_warp.formats.truth_file import load_truth
+
     return load_truth(scene.truth, scene.truth_axes)
 
 
@@ -224,6 +226,8 @@ def look_first(
     Raises:
         InputError: they fit no body.
     """
+    from mmocap_warp.calibration.first_look import look
+
     looked = look(scene, body, start=start, to_be_mended=to_be_mended)
     if looked.problem is not None and not trust:
         remedy = f"{looked.remedy}; or go on with --trust-cameras"

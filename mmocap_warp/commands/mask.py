@@ -113,7 +113,9 @@ def _remedy(scene: Scene, folder: Path) -> str:
 def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> Refine:
     """How a scene's masks are drawn around the body of its result, frame after frame, from the video of all cameras."""
     if isinstance(result, str | Path) and not holds_result(result):
-        raise InputError(result, "is no result", "name what mmocap track wrote; a subject has the first pose alone")
+        raise InputError(
+            result, "is not a result", "give the file that mmocap track wrote; a subject has only one pose"
+        )
     tracked, path = result_from(result)
     check_same_recording(tracked, scene)
     if tracked.frame_numbers.tolist() != list(scene.frames):

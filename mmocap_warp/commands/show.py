@@ -87,8 +87,8 @@ def show(
     reporter = reporter or Reporter()
     if isinstance(result, Subject) or (isinstance(result, str | Path) and not holds_result(result)):
         if frames is not None or whole or slow != 1.0 or deviations or strip:
-            problem = "--frames, --whole, --slow, --deviations and --strip belong to a result"
-            raise UsageError(f"{problem}; a subject is drawn over the frame that it was fitted to")
+            problem = "--frames, --whole, --slow, --deviations and --strip need a result"
+            raise UsageError(f"{problem}; a subject is drawn over the frame of its fit: leave them out")
         return _show_subject(result, scene, new_file(_beside(result, output, ".png"), ".png", force=force))
     if not 0.0 < slow < float("inf"):
         raise UsageError(f"--slow must be above 0, got {slow:g}")
@@ -111,7 +111,7 @@ def _beside(result: object, output: str | Path | None, suffix: str) -> Path:
         return Path(output)
     if isinstance(result, str | Path):
         return Path(result).with_suffix(suffix)
-    raise UsageError("--output must be named for what is in memory")
+    raise UsageError("--output is missing: what is in memory has no file to write beside")
 
 
 def _show_subject(given: Subject | str | Path, scene: Scene | str | Path | None, picture: Path) -> Drawing:
@@ -280,9 +280,11 @@ def _check_format(output: Path, up: str | None, bake: bool) -> None:
     """Refuse another vertical than the format's, and points in a format without."""
     format = table.export_format(output)
     if up is not None and format.up not in (None, f"+{up}"):
-        raise UsageError(f"--up {up}: {format} is always {format.up[1:]} up")
+        raise UsageError(f"--up {up} cannot be: {format} is always {format.up[1:]} up; leave --up out")
     if bake and not any(cache.matches(output) for cache in table.POINT_CACHES):
-        raise UsageError(f"--bake writes {' or '.join(map(str, table.POINT_CACHES))}, not {output.suffix}")
+        raise UsageError(
+            f"--bake cannot write {output.suffix}; end the output in {' or '.join(map(str, table.POINT_CACHES))}"
+        )
 
 
 def _files(output: Path, run: int | str | None, runs: int, best: int) -> dict[Path, int]:
@@ -299,7 +301,7 @@ def _files(output: Path, run: int | str | None, runs: int, best: int) -> dict[Pa
 def _chosen(result: Result, raw: bool, frames: Frames, fps: float | None, rig: str | None, up: str | None) -> Result:
     """The part of a result that is asked for."""
     if raw and result.raw_pose is None:
-        raise UsageError("--raw: the track was not smoothed; without the flag it is as it was tracked")
+        raise UsageError("--raw needs a result that was smoothed; this one was not: leave --raw out")
     result = before_smoothing(result) if raw else result
     result = result.at(positions_of(result, frames))
     with arguments_checked():

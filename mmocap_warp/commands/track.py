@@ -36,8 +36,8 @@ _UNDECIDED = {
     "swapped": "fit: the masks do not tell left limbs from right ones; they may be swapped",
 }
 _UNDECIDED_LYING = {
-    "turned": "fit: the masks do not tell which way the subject lies; it may be turned far from it",
-    "swapped": "fit: the masks do not tell limbs that are alike from one another; they may be exchanged",
+    "turned": "fit: the masks do not tell which way the subject lies; it may lie the other way round",
+    "swapped": "fit: the masks do not tell similar limbs from one another; they may be swapped",
 }
 """The same of a body that does not stand."""
 
@@ -187,9 +187,9 @@ def track(
     """
     reporter = reporter or Reporter()
     if resume and force:
-        raise UsageError("--resume continues what --force would replace; give one of them")
+        raise UsageError("--resume and --force cannot both be given: one continues the run, the other replaces it")
     if resume and output is None:
-        raise UsageError("--resume continues the run of an --output; name that")
+        raise UsageError("--resume needs --output, the file of the run that it continues")
     subject, body = _starts_from(subject, body)
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
     loaded = scene_from(scene, frames, identity, reporter)

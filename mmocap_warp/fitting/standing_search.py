@@ -73,7 +73,7 @@ def subject_hull(body: BodyModel, frame: FirstFrame) -> np.ndarray:
     if len(hull) < _LEAST_POINTS:
         hull = visual_hull(frame.rig, frame.observation, spacing=spacing, tolerate=1)
     if len(hull) < _LEAST_POINTS:
-        raise NoSubjectError("the silhouettes of at least two views do not meet anywhere in space")
+        raise NoSubjectError("no point in space lies in the silhouettes of two or more cameras")
     return hull
 
 

@@ -42,9 +42,9 @@ def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Tru
             raise InputError(path, str(error), "export it again") from error
     if path.suffix in usd_file.USD_SUFFIXES:
         if axes != "xyz":
-            raise InputError(path, f"is in the world's own axes, not {axes!r}", "leave the axes out: a .trc needs them")
+            raise InputError(path, f"cannot have axes = {axes!r}", "leave the axes out; only a .trc file needs them")
         return read_truth(path)
-    raise InputError(path, f"{path.suffix or 'no suffix'!r} is no format of truth", "give a .usda, .usdc or .trc file")
+    raise InputError(path, f"has the ending {path.suffix!r}, which no truth has", "give a .usda, .usdc or .trc file")
 
 
 _VERSION = 1

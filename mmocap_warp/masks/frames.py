@@ -204,7 +204,7 @@ def images_in_order(names: list[str], source: Path) -> list[str]:
     if all(stem.isdecimal() for stem in stems):
         for previous, number in pairwise(map(int, stems)):
             if number != previous + 1:
-                raise InputError(source, f"image {previous + 1} is missing", "images must be numbered without a gap")
+                raise InputError(source, f"image {previous + 1} is missing", "number the images without a gap")
     return images
 
 

@@ -38,7 +38,7 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
     if not len(mine):
         frames, known = _span(result.frame_numbers), _span(truth.frame_numbers)
         remedy = "give the truth of this recording, numbered as its frames are"
-        raise InputError("truth", f"its frames {known} share none with the result's {frames}", remedy)
+        raise InputError("truth", f"has frames {known}, of which the result, with {frames}, has none", remedy)
     evaluated = [name for group in result.subject.body.skeleton.evaluation_groups.values() for name in group]
     if not truth.marker_names and not set(evaluated) & set(truth.joint_names):
         problem = f"none of its joints ({_some(truth.joint_names)}) is evaluated ({_some(evaluated)} are)"

@@ -80,7 +80,7 @@ def at_rate(truth: Truth, fps: float) -> Truth:
     if abs(truth.fps / fps - 1.0) < _SAME_RATE:
         return truth
     if truth.fps < fps:
-        problem = f"has {truth.fps:g} frames a second, the recording {fps:g}"
+        problem = f"has {truth.fps:g} frames a second, and the recording {fps:g}"
         raise InputError("truth", problem, "give a truth of at least the recording's rate")
     # The recording's frames that lie within the truth, and their places among its frame numbers.
     ratio, known = truth.fps / fps, truth.frame_numbers

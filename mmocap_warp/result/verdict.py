@@ -6,6 +6,7 @@ nothing; a camera disagrees where the whole outline in its masks lies beside the
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,8 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     ``holds`` says whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over 100 mm
     off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how many
     frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while the
-    others go on, by camera. ``lines`` say all that in words, with what to do next about a ``scene``.
+    others go on, by camera. ``lines`` say all that in words. ``next`` is the command that may mend the result, where
+    one is needed and the ``scene`` is known.
     """
     best, numbers = result.best_run, result.frame_numbers
     skeleton, size = result.subject.body.skeleton, result.subject.body.relative_size
@@ -65,18 +67,26 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         "frozen": {name: frames.tolist() for name, frames in frozen.items() if len(frames)},
         "problem": problem,
     }
-    return values | {"holds": 2 * values["trusted"] >= values["frames"], "lines": _lines(values, scene)}
+    holds = 2 * values["trusted"] >= values["frames"]
+    return values | {"holds": holds, "lines": _lines(values), "next": _next_step(bool(cameras), holds, scene)}
 
 
-def _lines(values: dict[str, Any], scene: Path | None) -> list[str]:
+def _next_step(cameras_disagree: bool, holds: bool, scene: Path | None) -> str | None:
+    """The command that may mend a result of a scene."""
+    if scene is None or (holds and not cameras_disagree):
+        return None
+    refined = ["refine", str(scene), "-o", str(scene.parent / "calibration-refined.toml")]
+    return shlex.join(["mmocap", "calib", *(refined if cameras_disagree else ["check", str(scene)])])
+
+
+def _lines(values: dict[str, Any]) -> list[str]:
     """The verdict in words."""
     lines = [f"{values['trusted']} of {values['frames']} frames trusted"]
     if values["problem"]:
         return [*lines, f"masks and calibration fit no body: {values['problem']}"]
     if values["cameras"]:
         off = [f"{name} by {shift:.0f} mm" for name, shift in values["cameras"].items()]
-        step = f"; mend it with: mmocap calib refine {scene}" if scene else ""
-        lines.append(f"cameras that disagree with the others: {', '.join(off)} at the body{step}")
+        lines.append(f"cameras that disagree with the others: {', '.join(off)} at the body")
     if values["repeated"]:
         lines.append(f"{values['repeated']} more frames repeat the one before, and count as not seen")
     lines += [f"{name} is frozen in {_ranges(frames)}, and left out there" for name, frames in values["frozen"].items()]

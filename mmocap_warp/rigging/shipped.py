@@ -13,6 +13,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.sandbox import trust
 from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.scenes import ROOT
@@ -33,7 +34,10 @@ def load_body(name: str | Path, source: object = "body") -> BodyModel:
     Raises:
         InputError: no such body, or a file that holds none.
     """
-    return read_body(body_file(name, source))
+    file = body_file(name, source)
+    if file.is_relative_to(ROOT):
+        trust(file)  # it is as much part of the program as its code
+    return read_body(file)
 
 
 def body_file(name: str | Path, source: object = "body") -> Path:

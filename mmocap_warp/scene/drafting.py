@@ -91,7 +91,7 @@ def draft_scene(folder: Path) -> Draft:
     if not draft.cameras:
         raise InputError(
             folder,
-            f"no video's or folder's name has one of the cameras' names in it ({', '.join(names) or 'none are known'})",
+            f"no video or folder is named after a camera ({', '.join(names) or 'no camera is known'})",
             "name each video after its camera, or write scene.toml by hand as docs/scene.md says",
         )
     if left_out := [name for name in names if name not in draft.cameras]:
@@ -229,7 +229,7 @@ def _placement(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray) 
         draft.found.append(f"{frames.path} is {sizes}, of one shape: taken to be the whole image, scaled")
         return [f"# {sizes}: taken to be scaled.", placed]
     if _has_bars(frames, bars):
-        draft.found.append(f"{frames.path} is {sizes}: the whole image, scaled, between black bars")
+        draft.found.append(f"{frames.path} is {sizes}: taken to be the whole image, scaled, with black bars")
         return [f"# {sizes}: scaled, between black bars.", placed]
     draft.missing.append(
         f"where the calibrated image lies in {frames.path}, which is {sizes}: give video_from_calibrated under "
@@ -261,8 +261,7 @@ def _foreground(draft: Draft, media: _Media) -> list[str]:
         source, of = "clean_plate", "from the pictures without the person"
     elif cameras <= media.background.keys():
         source, of = "background_video", "from the recordings without the person"
-    how = f"mmocap mask makes them, subtracting a background that it learns {of}"
-    draft.found.append(f"no masks for every camera: {how}")
+    draft.found.append(f"no masks of some cameras: mmocap mask makes them; it learns the background {of}")
     return [
         "# Masks, the white silhouettes that are tracked, come in one of three ways:",
         "# 1. mmocap mask makes them by subtracting a background, which is learnt from the whole recording (source =",

@@ -17,7 +17,7 @@ from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.whole_file import file_name, write_whole
 
-_TINT = np.array([0, 150, 255], np.uint8)  # BGR
+_TINT = np.array([31, 210, 255], np.uint8)  # BGR, the masks' colour in the overlays of results too
 _VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
 
 

@@ -214,12 +214,14 @@ def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, 
     overlap = np.clip(np.minimum(high, recorded) - np.maximum(low, 0), 0, None).prod()
     if overlap < 0.5 * recorded.prod():
         problem = f"{stated}, but video_from_calibrated puts the calibrated image at {low.round(1)} to {high.round(1)}"
-        raise InputError(where, problem, "recorded pixel = scale * calibrated pixel + offset")
+        raise InputError(where, problem, "correct it: recorded pixel = scale * calibrated pixel + offset")
 
 
 def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: CameraRig, k: int) -> None:
     if mark.camera != source.name:
-        raise InputError(masks.path, f"these masks are of '{mark.camera}', not of '{source.name}'", "swap the folders")
+        raise InputError(
+            masks.path, f"these masks are of '{mark.camera}', not of '{source.name}'", "correct masks = under [cameras]"
+        )
     placed = source.recorded_scale, source.recorded_offset
     if mark.calibration != calibration_hash(rig, k, *placed, mark.repaired):
         problem = f"these masks of '{mark.camera}' were undistorted with another calibration than the scene's"

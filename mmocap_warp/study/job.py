@@ -90,7 +90,7 @@ class Worker:
 
     def _work(self, job: Job) -> Iterator[Advance | CellResult]:
         if job.code != code_of(job.config, job.clip, job.solved):
-            raise InputError(socket.gethostname(), "runs other code than that which the study was started with", _SAME)
+            raise InputError(socket.gethostname(), "runs other code than the study was started with", _SAME)
         started, begun = datetime.now(UTC).isoformat(timespec="seconds"), time.perf_counter()
         clip = yield from self._open(job)
         config = replace(job.config, device=self.device, threads=self.threads, renderer="raster")

@@ -35,6 +35,15 @@
     });
   }
 
+  // A part that is wider than the screen is scrolled with the keyboard too.
+  const wide = new ResizeObserver((parts) => {
+    for (const { target } of parts) {
+      if (target.scrollWidth > target.clientWidth) target.tabIndex = 0;
+      else target.removeAttribute("tabindex");
+    }
+  });
+  for (const part of document.querySelectorAll(".wide, pre")) wide.observe(part);
+
   // Paper shows what a closed part holds.
   let closed = [];
   addEventListener("beforeprint", () => {

@@ -8,6 +8,7 @@ import numpy as np
 
 from mmocap_warp.contour.frame.rooted import FrameArrays
 from mmocap_warp.tracking.tracker import TrackState
+from mmocap_warp.tracking.uncovered import is_usual
 
 LEVEL_FRAMES = 20
 """Frames that the usual overlap is taken over."""
@@ -55,6 +56,7 @@ class ContourState(TrackState):
             long as nothing is in doubt, such as that of a bag [m^2]; NaN until it was looked at.
         last_excess: (run,) float32, how much more than that was uncovered at the last look [m^2].
         doubt: (run,) bool, whether that says that a limb is elsewhere.
+        look_count, outstanding_count: (run,) int32, how many looks there were, and how many of them said so.
         failed_looks: (run,) int32, how many looks for a limb in a row found none.
     """
 
@@ -67,6 +69,8 @@ class ContourState(TrackState):
     last_excess: np.ndarray
     doubt: np.ndarray
     failed_looks: np.ndarray
+    look_count: np.ndarray
+    outstanding_count: np.ndarray
 
     @classmethod
     def at(cls, pose: np.ndarray, parts: int) -> ContourState:
@@ -76,7 +80,7 @@ class ContourState(TrackState):
         return cls(
             pose, counts, previous_pose=pose, overlap_levels=nothing, exposed_outlines=nothing, lost_count=counts,
             frame_count=counts, uncovered_levels=by_part, last_excess=np.zeros(runs, np.float32),
-            doubt=np.zeros(runs, bool), failed_looks=counts,
+            doubt=np.zeros(runs, bool), failed_looks=counts, look_count=counts, outstanding_count=counts,
         )  # fmt: skip
 
     def is_looking(self, interval: int) -> np.ndarray:
@@ -90,24 +94,31 @@ class ContourState(TrackState):
         excess: np.ndarray = np.maximum(area - usual, 0.0)
         return excess
 
-    def looked_at(self, looked: np.ndarray, area: np.ndarray, excess: np.ndarray, doubt: np.ndarray) -> ContourState:
+    def looked_at(
+        self, looked: np.ndarray, area: np.ndarray, excess: np.ndarray, standing_out: np.ndarray
+    ) -> ContourState:
         """The state after a look at runs ``looked`` (run,) bool.
 
         Args:
             looked: which runs.
             area: (run, part) what was uncovered near each part [m^2].
             excess: (run, part) by how much more that was than usual [m^2].
-            doubt: (run,) bool, whether it says that a limb is elsewhere.
+            standing_out: (run,) bool, whether it says that a limb is elsewhere, unless nearly all looks do.
         """
+        count = self.look_count + looked
+        outstanding = self.outstanding_count + (looked & standing_out)
+        doubt = standing_out & ~is_usual(outstanding, count)
         usual = np.where(np.isnan(self.uncovered_levels), area, self.uncovered_levels)
         usual = np.where((looked & ~doubt)[:, None], usual + _LEVEL_SHARE * (area - usual), self.uncovered_levels)
-        failed = np.where(doubt, self.failed_looks + 1, 0)
+        failed = np.where(standing_out, self.failed_looks + 1, 0)
         return replace(
             self,
             uncovered_levels=usual.astype(np.float32),
             last_excess=np.where(looked, excess.sum(axis=1), self.last_excess).astype(np.float32),
             doubt=np.where(looked, doubt, self.doubt),
             failed_looks=np.where(looked, failed, self.failed_looks).astype(np.int32),
+            look_count=count.astype(np.int32),
+            outstanding_count=outstanding.astype(np.int32),
         )
 
     @property

@@ -35,7 +35,7 @@ from mmocap_warp.tracking.pose_search import PoseSearch, RootFrame
 from mmocap_warp.tracking.recovery_starts import SCATTERED_POSES, RecoveryStarts
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import lost_frame, overlap
-from mmocap_warp.tracking.uncovered import CLEAR_AREA, LARGEST_USUAL_AREA, LASTING_AREA, UncoveredArea, look_interval
+from mmocap_warp.tracking.uncovered import LARGEST_USUAL_AREA, LASTING_AREA, UncoveredArea, look_interval, stands_out
 
 _STEPS = 5  # descent steps from the last pose
 _STEPS_FAR = 10  # descent steps from a start that is further away
@@ -211,8 +211,9 @@ class ContourTracker:
             looks = [new if better else old for new, old, better in zip(again, looks, found, strict=True)]
             excess = np.where(found[:, None], left, excess)
         total = excess.sum(axis=1)
-        doubt = (total > CLEAR_AREA * size) | ((total > LASTING_AREA * size) & lasts)
-        self._state = self._state.looked_at(looking, np.stack([look.area for look in looks]), excess, doubt)
+        repeated = np.minimum(total, self._state.last_excess)
+        standing_out = stands_out(self._subject.body.relative_size, total, repeated, repeated)
+        self._state = self._state.looked_at(looking, np.stack([look.area for look in looks]), excess, standing_out)
         return answer, found
 
     def _improved(

@@ -205,8 +205,8 @@ def _check_start(scene: Scene, subject: Subject) -> None:
     if fitted != scene.frames.start:
         raise InputError(
             scene.path,
-            f"the subject stands as in frame {fitted}, these frames begin with {scene.frames.start}",
-            "fit one with mmocap fit and the same --frames, and name it with --subject",
+            f"the subject was fitted to frame {fitted}, but tracking begins with frame {scene.frames.start}",
+            f"start with --frames {fitted}:, or fit a subject with the same --frames and name it with --subject",
         )
 
 

@@ -274,7 +274,7 @@ class _RunSmoother:
 
         # Which parts are in doubt, by looks for what the body leaves uncovered.
         self._looks: dict[int, np.ndarray] = {}
-        self._look_interval = look_interval(raw.rate)
+        self._look_interval = look_interval(raw.rate, final=True)
 
         self._finished = 0
         self._last_angles = track[0, ROOT_ANGLES]
@@ -309,7 +309,7 @@ class _RunSmoother:
         doubt = np.zeros((len(self.pose), len(self._skeleton.parts)), bool)
         if self._looks:
             looked, area = np.array(list(self._looks)), np.stack(list(self._looks.values()))
-            doubt = parts_in_doubt(self._size, looked, area, len(doubt))
+            doubt = parts_in_doubt(self._size, self._rate, looked, area, len(doubt))
         wide = doubt[:, np.array(self._skeleton.part)]  # (frame, joint)
         least = np.where(wide, WIDE_SIGMA * self._size, 0.0)[:, :, None]
         self.sigma.joint[:] = np.maximum(self.sigma.joint, least)

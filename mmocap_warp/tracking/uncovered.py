@@ -2,8 +2,8 @@
 
 An overlap hardly notices a forearm, and no outline of the body tells of mask that the body does not cover. Area counts
 here if it is deep, if the other views' masks agree that something is there, and if two views show it: what one view
-alone shows may be a fault of a mask, unless it is as large as a hand. Views that show more than limbs beside the body,
-somebody who passes by or a chest, do not count.
+alone shows may be a fault of its mask, unless it is as large as a hand. Views that show more than limbs beside the
+body, somebody who passes by or a chest, do not count.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from mmocap_warp.masks.observation import Observation
 
 _CELL = 0.02  # pixels are looked at that are so far apart at the body [m]
 _SPACING = 0.1  # points of the skin are at most so far apart: then none of it is deep [m]
+_SAME_PLACE = 1e-4  # points that are nearer to each other are one [m]
 _DEEP = 0.06  # mask farther than this from every such point is uncovered [m]
 _FAR = 0.5  # what is farther than this from the body is no limb of it [m]
 _REACH = 1.2  # rays are followed so far before and behind the body's middle [m]
@@ -27,22 +28,24 @@ _STEP = 0.03  # between the points of a ray [m]
 _MOST_RAYS = 48  # rays that are followed of a view
 _LEAST_AREA = 0.002  # less than that beside a body is noise of a mask [m^2]
 _LEAST_VIEWS = 4  # so many other views must be there for one of them to be allowed to disagree
-_LEAST_AREA_ALONE = 0.01  # so much is no fault of a mask, also where one view alone shows it [m^2]
+_FAULT_AREA = 0.003  # what one view alone shows counts where it is more than that: a mask may have such faults [m^2]
 _MOST_AREA = 0.12  # a view that leaves more than that uncovered shows somebody or something else [m^2]
 
-LOOK_INTERVAL = 0.1
-"""Seconds between the frames that are looked at, at most."""
-CLEAR_AREA = 0.006
-"""Area above the usual that says by itself that a limb is lost [m^2], in a body as large as a person."""
+_LOOK_INTERVAL = 0.1  # seconds between the frames that are looked at for limbs that were lost
+_JUDGE_INTERVAL = 1 / 30  # seconds between the frames whose final poses are judged
+_CLEAR_AREA = 0.01  # area above the usual that says by itself that a limb is lost [m^2], in a body like a person
+_REPEATED_AREA = 0.006  # the same, where two looks in a row show so much [m^2]
 LASTING_AREA = 0.002
-"""The same, where the area stays for some looks [m^2]."""
+"""The same, where the area stays for some time [m^2], in a body as large as a person."""
 LARGEST_USUAL_AREA = 0.01
 """More than this near a part is never usual [m^2]: it may be a limb that is wrong in all frames."""
 WIDE_SIGMA = 0.15
 """Least standard deviation of a joint of a part in doubt, along each axis [m]."""
 _USUAL_SHARE = 0.2  # of all looks at a clip, those that show less uncovered area than usual
-_MOST_DOUBTFUL = 0.75  # share of a clip's looks that a lost limb may stand out in
-_LOOKS = 5  # in a row, in the median of which area has to last
+_LASTING = 0.2  # seconds before and after a look, in the median of which area has to last
+_AROUND = 0.2  # seconds within which a limb is in doubt before and after it stands out
+_MOST_DOUBTFUL = 0.75  # share of the looks that a lost limb may stand out in
+_LEAST_LOOKS = 10  # that this share is taken of
 _BLAMED_SHARE = 0.3  # of the area, what is near a part that is in doubt
 
 
@@ -59,9 +62,9 @@ class Uncovered:
     place: np.ndarray
 
 
-def look_interval(rate: float) -> int:
-    """Frames from one that is looked at to the next."""
-    return max(1, int(LOOK_INTERVAL * rate))
+def look_interval(rate: float, *, final: bool = False) -> int:
+    """Frames from one that is looked at to the next, for limbs that were lost or to judge final poses."""
+    return max(1, int((_JUDGE_INTERVAL if final else _LOOK_INTERVAL) * rate))
 
 
 class UncoveredArea:
@@ -123,9 +126,10 @@ class UncoveredArea:
             of_view = np.bincount(part, np.full(len(part), every * pixel), self._parts)
             area = sorted([*area, of_view], key=lambda each: -each.sum())[:2]
             places.append(place)
-        # One view alone may have a fault of its mask: unless that is large, the view with the second most area decides.
-        decides = area[0] if area[0].sum() > _LEAST_AREA_ALONE * self._size**2 else area[1]
-        return Uncovered(decides, np.concatenate(places))
+        # The view with the second most area decides, or that with the most, less what may be a fault of its mask.
+        most, second = (each.sum() for each in area)
+        alone = max(most - _FAULT_AREA * self._size**2, 0.0)
+        return Uncovered(area[0] * (alone / most) if alone > second else area[1], np.concatenate(places))
 
     def _beside(self, k: int, skin: np.ndarray, observation: Observation, step: int, deep: float) -> np.ndarray:
         """Cells (n, 2) of a view's mask, column and row, that are deeper than ``deep`` px beside the skin (n, 2)."""
@@ -174,34 +178,49 @@ class UncoveredArea:
         return pixels
 
 
-def parts_in_doubt(size: float, looked: np.ndarray, area: np.ndarray, frames: int) -> np.ndarray:
+def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarray, frames: int) -> np.ndarray:
     """(frame, part) bool: parts near mask area that nothing explains, for a moment in plenty or for a while.
 
     Args:
         size: the body's size, as a share of a person's.
+        rate: frames a second.
         looked: (look,) positions of the frames that were looked at, ascending.
         area: (look, part) mask area that is uncovered near each part [m^2].
         frames: how many frames there are.
     """
-    # More area than usual, at once or for several looks.
+    # More area than usual, at once, in two looks in a row, or for some time.
     usual = np.minimum(np.quantile(area, _USUAL_SHARE, axis=0), LARGEST_USUAL_AREA * size**2)
     excess = np.maximum(area - usual, 0.0)
     total = excess.sum(axis=1)
-    padded = np.pad(total, _LOOKS // 2, mode="edge")
-    lasting = np.median(np.lib.stride_tricks.sliding_window_view(padded, _LOOKS), axis=1)
-    doubtful = (total > CLEAR_AREA * size**2) | (lasting > LASTING_AREA * size**2)
-    # What stands out nearly always is no lost limb, but something that the body lacks: a skirt, a bag, a stick.
-    if doubtful.mean() > _MOST_DOUBTFUL:
+    beside = np.pad(total, 1)
+    repeated = np.minimum(total, np.maximum(beside[:-2], beside[2:]))
+    first, last = np.searchsorted(looked, [looked - _LASTING * rate - 0.5, looked + _LASTING * rate + 0.5])
+    around = [slice(*ends) for ends in zip(first, last, strict=True)]
+    lasting = np.array([np.median(total[looks]) for looks in around])
+    doubtful = stands_out(size, total, repeated, lasting)
+    if is_usual((total > LASTING_AREA * size**2).sum(), len(looked)):
         return np.zeros((frames, area.shape[1]), bool)
     # It is put down to the parts that most of it is near, over the looks around.
-    around = np.stack([excess[max(i - _LOOKS // 2, 0) : i + _LOOKS // 2 + 1].sum(axis=0) for i in range(len(excess))])
-    blamed = (around >= _BLAMED_SHARE * around.sum(axis=1, keepdims=True)) & doubtful[:, None]
-    # A limb is lost before it stands out, and back after it did: the looks before and after are in doubt, too.
-    beside = np.pad(blamed, ((1, 1), (0, 0)))
-    blamed = beside[:-2] | blamed | beside[2:]
-    after = np.searchsorted(looked, np.arange(frames)).clip(max=len(looked) - 1)
-    doubt: np.ndarray = blamed[after] | blamed[np.maximum(after - 1, 0)]
+    near = np.stack([excess[looks].sum(axis=0) for looks in around])
+    blamed = (near >= _BLAMED_SHARE * near.sum(axis=1, keepdims=True)) & doubtful[:, None]
+    # A limb is lost before it stands out, and back after it did: the frames before and after are in doubt, too.
+    doubt, after = np.zeros((frames, area.shape[1]), bool), max(1, round(_AROUND * rate))
+    for frame, parts in zip(looked, blamed, strict=True):
+        doubt[max(0, frame - after + 1) : frame + after] |= parts
     return doubt
+
+
+def stands_out(size: float, area: np.ndarray, repeated: np.ndarray, lasting: np.ndarray) -> np.ndarray:
+    """Whether uncovered areas above the usual say that a limb is lost: of a look, of two in a row, and lasting ones."""
+    large = (area > _CLEAR_AREA * size**2) | (repeated > _REPEATED_AREA * size**2)
+    doubtful: np.ndarray = large | (lasting > LASTING_AREA * size**2)
+    return doubtful
+
+
+def is_usual(standing_out: np.ndarray, looks: np.ndarray | int) -> np.ndarray:
+    """Whether so many of the looks show no lost limb, but something that the body lacks: a skirt, a bag, a stick."""
+    usual: np.ndarray = (standing_out > _MOST_DOUBTFUL * looks) & (looks >= _LEAST_LOOKS)
+    return usual
 
 
 def _points_of_faces(mesh: SkinMesh, spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -216,4 +235,9 @@ def _points_of_faces(mesh: SkinMesh, spacing: float) -> tuple[np.ndarray, np.nda
         faces = mesh.face[divisions == n]
         corner.append(np.repeat(faces, len(grid), axis=0))
         share.append(np.tile(grid, (len(faces), 1)))
-    return np.concatenate(corner), np.concatenate(share)
+    corners_of, share_of = np.concatenate(corner), np.concatenate(share)
+    # Corners are vertices, and faces have their edges' points in common.
+    own = (share_of > 0).sum(axis=1) > 1
+    place = np.einsum("nc,ncx->nx", share_of[own], mesh.rest[corners_of[own]])
+    first = np.sort(np.unique(np.round(place / _SAME_PLACE), axis=0, return_index=True)[1])
+    return corners_of[own][first], share_of[own][first]

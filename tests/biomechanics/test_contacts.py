@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from character_motions import anymal_motions
 from measured import answer, known_events, made_walk
+from other_bodies import quadruped
 from walk_scene import walker
 
 from mmocap_warp.biomechanics import steps as contacts
@@ -156,11 +157,15 @@ def test_paws_are_feet_and_fingers_are_none(name, feet):
     assert len(feet_of(load_body(name))) == feet
 
 
-@pytest.mark.parametrize("wide", [0.05, 20.0])
-def test_how_wide_a_body_is_does_not_tell_its_feet(wide):
-    fox = load_body("fox")
-    skin = replace(fox.skin, rest=fox.skin.rest * np.float32([wide, 1, 1]))
-    assert feet_of(replace(fox, skin=skin)) == feet_of(fox)
+@pytest.mark.parametrize("wide", [0.05, 1.0, 20.0])
+def test_limbs_that_end_over_the_ground_are_no_feet_however_wide_the_body_is(wide):
+    dog = quadruped()
+    joint, rest = dog.skin.heaviest_joint, dog.skin.rest * np.float32([wide, 1, 1])
+    lifted = np.isin(joint, [dog.skeleton.index(f"{side}ForeKnee") for side in "LR"])
+    rest[lifted, 1] += 0.15
+    assert list(feet_of(replace(dog, skin=replace(dog.skin, rest=rest)))) == ["LHindKnee", "RHindKnee"]
+    rest[lifted, 1] -= 0.15
+    assert len(feet_of(replace(dog, skin=replace(dog.skin, rest=rest)))) == 4
 
 
 def test_a_foot_stands_up_to_three_centimetres_and_half_a_metre_a_second():

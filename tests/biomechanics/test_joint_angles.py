@@ -204,10 +204,11 @@ HELD = "Ankle inversion, Elbow carrying_angle, Elbow pronation, Knee adduction, 
 def test_an_angle_that_the_model_holds_is_named_and_left_out(dof, held):
     poses = np.where(np.isin(np.arange(MAN.skeleton.coordinates), MAN.skeleton.searched(dof)), some_poses(MAN), 0.0)
     followed = answer(MAN, poses)
-    measures = measure(replace(followed, config=followed.config | {"dof": dof})).shown
+    measures = measure(replace(followed, config=followed.config | {"dof": dof}))
+    angles = measures.shown.angles
     assert sorted(measures.held) == sorted(f"{side}{name}" for side in "LR" for name in held)
-    assert not {f"{joint} {name}" for joint, own in measures.angles.items() for name in own} & set(measures.held)
-    assert "flexion" in measures.angles["LElbow"]
+    assert not {f"{joint} {name}" for joint, own in angles.items() for name in own} & set(measures.held)
+    assert "flexion" in angles["LElbow"]
 
 
 def test_own_angles_go_on_over_half_a_turn():

@@ -299,7 +299,7 @@ def test_across_a_straight_walk_the_persons_axis_decides() -> None:
 
 def test_too_few_whole_frames_are_told():
     person = person_before(RIG, polytopes(way())).without(np.arange(FEWEST_FRAMES - 1, 40))
-    with pytest.raises(UnsolvableError, match="in 11 of 40 frames; at least 12 are needed"):
+    with pytest.raises(UnsolvableError, match=r"11 of 40 frames show the whole person.* at least 12 are needed"):
         standing_view("a", person.head[0], person.foot[0], RIG.K[0], STATURE)
 
 
@@ -328,7 +328,7 @@ def test_heads_that_a_trial_puts_beside_the_image_err_by_a_bounded_number_of_pix
 
 def test_who_stands_still_is_told():
     person = person_before(RIG, polytopes(0.1 * way()))
-    with pytest.raises(UnsolvableError, match="hardly leaves one place in camera 'a'"):
+    with pytest.raises(UnsolvableError, match="camera 'a': the person hardly moves"):
         standing_view("a", person.head[0], person.foot[0], RIG.K[0], STATURE)
 
 
@@ -340,5 +340,5 @@ def test_a_camera_that_looks_down_too_steeply_is_told():
     assert np.degrees(np.arcsin(-R[0, 2, 2])) > 65
     feet = 0.6 * way()
     head, foot = project(camera, feet + STATURE * np.eye(3)[2])[0], project(camera, feet)[0]
-    with pytest.raises(UnsolvableError, match="look less than 60 degrees down"):
+    with pytest.raises(UnsolvableError, match="less than 60 degrees down"):
         standing_view("a", head, foot, K[0], STATURE)

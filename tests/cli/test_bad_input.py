@@ -259,7 +259,12 @@ CASES = (
     Case("result is a body", body_file, "body.usda: holds no tracking result", ("eval", "{folder}/body.usda")),
     Case("result cut short", cut_result, "result.usdc", ("eval", "{folder}/result.usdc")),
     Case("truth missing", result_file, "t.trc: no such file", (*EVAL, "--truth", "{folder}/t.trc")),
-    Case("truth of another recording", truth_of_another_recording, "t.usda: its frames 900-901 share none", EVAL_TRUTH),
+    Case(
+        "truth of another recording",
+        truth_of_another_recording,
+        "t.usda: has frames 900-901, of which the result",
+        EVAL_TRUTH,
+    ),
     Case(
         "truth of another body",
         truth_of_another_body,

@@ -121,7 +121,8 @@ def test_a_camera_that_is_off_is_said_after_the_last_frame(tmp_path, capsys):
         assert list(report["iou_by_camera"]) == ["cam01", "cam02", "cam03"]
         assert "cam02" in report["verdict"]["cameras"]
         assert (report["verdict"]["trusted"], report["verdict"]["holds"]) == (0, False)
-        assert f"calib refine {scene}" in report["verdict"]["lines"][1]
+        assert report["verdict"]["next"].startswith(f"mmocap calib refine {scene} ")
+        assert report.get("next", report["verdict"]["next"]) == report["verdict"]["next"]
     assert codes == [console.CHECK_FAILED, console.CHECK_FAILED, console.OK]
 
 
@@ -209,4 +210,4 @@ def test_masks_are_drawn_anew_around_a_tracked_body(tmp_path, capsys):
     capsys.readouterr()
     made[3] = str(tmp_path / "again")
     assert cli.main([*made, str(tmp_path / "subject.usdc")]) == console.BAD_INPUT
-    assert "is no result; name what mmocap track wrote" in capsys.readouterr().err
+    assert "is not a result; give the file that mmocap track wrote" in capsys.readouterr().err

@@ -72,7 +72,7 @@ def test_a_track_that_was_not_smoothed_has_no_raw_one(results, capsys):
 def test_a_dog_has_its_own_angles_and_feet(results, tmp_path, capsys):
     assert cli.main(["measure", str(results / "dog.usdc"), "-o", str(tmp_path)]) == console.OK
     out = capsys.readouterr().out
-    assert "left out, for lack of such joints: centre of mass" in out
+    assert "left out, because the body lacks their joints: centre of mass" in out
     assert all(f"{end}{joint}" in out for end in ("LFore", "RHind") for joint in ("Hip", "Knee"))
     names = {"angles.csv", "angles.svg", "contacts.csv", "feet.svg", "joints.csv", "lengths.csv"}
     assert {path.name for path in tmp_path.iterdir()} == names

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from person_skeleton import JOINTS
 from pxr import Usd, UsdGeom
+from small_scene import CAMERAS
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp import cli
@@ -36,19 +37,12 @@ from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.scene.scene_toml import load_scene
 
 FRAMES = 8
-SCENE = """
+SCENE = f"""
 [scene]
 fps = 60
 up = "+y"
 subject = "subject.usdc"
-[cameras]
-calibration = "calibration.toml"
-[cameras.cam01]
-masks = "masks/cam01"
-[cameras.cam02]
-masks = "masks/cam02"
-[cameras.cam03]
-masks = "masks/cam03"
+{CAMERAS}
 [truth]
 file = "truth.usdc"
 [track]
@@ -307,12 +301,12 @@ def test_commands_take_some_frames(scene, result, tmp_path, capsys):
         (
             ["track", "SCENE", "-o", "r.usdc", "--frames", "4:"],
             console.BAD_INPUT,
-            "stands as in frame 0, these frames",
+            "was fitted to frame 0, but tracking",
         ),
         (["fit", "SCENE", "-o", "r.usdc", "--frames", "9"], console.USAGE, "--frames = 9 is not in 1 to 8"),
         (["eval", "RESULT", "--frames", "9:12"], console.USAGE, "holds none of the result's frames, 0 to 7"),
         (["show", "RESULT", "--frames", "2:1"], console.USAGE, "--frames = 2:1 holds no frame"),
-        (["show", "SUBJECT", "--frames", "2"], console.USAGE, "--frames belongs to a result"),
+        (["show", "SUBJECT", "--frames", "2"], console.USAGE, "--strip need a result"),
     ],
 )
 def test_frames_that_cannot_be(scene, result, tmp_path, capsys, monkeypatch, arguments, code, words):
@@ -387,7 +381,7 @@ def test_cameras_below_the_floor_fail_the_check(scene, capsys):
     turned = scene.with_name("turned.toml")
     turned.write_text(SCENE.replace('"+y"', '"-y"'))
     assert cli.main(["cameras", str(turned)]) == console.CHECK_FAILED
-    assert "mean height -1.40 m" in capsys.readouterr().out
+    assert "mean height is -1.40 m" in capsys.readouterr().out
 
 
 @pytest.fixture

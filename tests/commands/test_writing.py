@@ -44,7 +44,7 @@ def test_limits_are_learnt_from_motions(tmp_path):
         (lambda folder: mm.ablate(folder / "a", seeds=0), r"^seeds must be at least 1, got 0"),
         (
             lambda folder: mm.ablate(folder / "a", trackers=["cmaes,seed=1"]),
-            r"^tracker cmaes,seed=1: seed is a setting",
+            r"^tracker cmaes,seed=1: seed holds for all trackers",
         ),
         (lambda folder: mm.benchmark(against="povray"), r"^against must name embree"),
         (lambda folder: mm.write_benchmark_pages([], folder / "a"), r"^name at least one report"),

@@ -171,6 +171,46 @@ def test_limbs_that_no_frame_knows_are_looked_for_anew():
     assert looking.revised(frames, clip.truth, clip.rooting.none) is clip.truth
 
 
+class Uncovering:
+    """Masks that show what the other fold leaves uncovered, by how much in each frame (frame,)."""
+
+    def __init__(self, clip: TwoBasins, level: np.ndarray) -> None:
+        self.clip, self.level = clip, level
+        self.asked: list[int] = []
+
+    def area(self, frame: int, rooted: RootedPoses) -> np.ndarray:
+        return self.level[frame] * (self.clip.nearest(np.full(len(rooted), frame), rooted) == 1)
+
+    def limbs_reaching(self, frame: int, there: RootedPoses) -> RootedPoses:
+        self.asked.append(frame)
+        return self.clip.truth[frame : frame + 1]
+
+
+@pytest.mark.parametrize(
+    ("level", "asked"),
+    [
+        (lambda frame: 2.0, [39]),
+        (lambda frame: 0.9, []),
+        (lambda frame: 2.0 * (frame == 27), []),
+        (lambda frame: 2.0 * (frame <= 27), [21]),
+    ],
+    ids=["in all frames", "little", "in one look alone", "in two looks"],
+)
+def test_limbs_that_masks_show_and_the_body_does_not_are_looked_for_there(level, asked):
+    """Contours and areas of both folds cost the same, so that only what is left uncovered tells them apart."""
+    clip, frames = TwoBasins(np.full(FRAMES, 1.2), 0.0), np.arange(FRAMES)
+    uncovered = Uncovering(clip, np.array([level(frame) for frame in frames], float))
+    backward = replace(clip.backward, uncovered=uncovered)
+    revised = backward.revised(frames, clip.other, clip.rooting.none)
+    assert uncovered.asked == asked
+    if asked:
+        assert clip.error(revised)[: asked[0] + 1].max() < 0.02
+    else:
+        assert revised is clip.other
+    assert clip.backward.revised(frames, clip.other, clip.rooting.none) is clip.other
+    assert backward.revised(frames, clip.truth, clip.rooting.none) is clip.truth
+
+
 def test_what_costs_much_more_on_the_way_back_is_not_followed_further(lost):
     clip, known = lost
     clip.extra[1] = 40.0

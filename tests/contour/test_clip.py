@@ -91,7 +91,7 @@ def test_live_poses_are_nearly_those_of_the_whole_clip():
     assert len(solution) == 60
     assert live.rest() is None
     assert np.median(case.error(solution)) < 1.1 * np.median(case.error(whole.rooted))
-    assert case.shake(solution) < 1.3 * case.shake(whole.rooted)
+    assert case.shake(solution) < 1.1 * case.shake(whole.rooted)  # a frame has two steps
 
 
 def test_live_frames_are_solved_with_all_that_their_penalty_looks_back_on(monkeypatch):

@@ -103,6 +103,23 @@ def test_the_cost_of_the_best_is_its_own(device):
     np.testing.assert_allclose(again.cost, 0.5 * tally[..., 0].sum(axis=1), rtol=1e-5)
 
 
+def test_outline_farther_from_its_mask_than_a_hands_breadth_is_exposed(device):
+    """By default more than 4 cm: none of a body in its own masks, nor of one that is 2 cm away; an arm elsewhere is."""
+    body = BODIES["person"]
+    fitter = fitter_of(body, device, 4)
+    seen = poses_of(body, 1, seed=5)[0]
+    fitter.observe(0, observed(body, seen))
+    poses = np.tile(seen, (4, 1))
+    poses[1, 1] += 0.02
+    poses[2, 1] += 0.07
+    poses[3, body.skeleton.angles("LShoulder")] += [0.0, 1.2, 0.0]
+    start(fitter, poses)
+    fitter.descend(4, 0)
+    exposed = fitter.descent.tally.numpy()[:, :, 3].sum(axis=1)
+    np.testing.assert_array_equal(exposed[:2], 0.0)
+    assert (exposed[2:] > 0.1).all()
+
+
 def test_the_equations_are_a_model_of_the_cost(device):
     """A short step changes the cost as they say, mostly: now and then an edge appears, or another match."""
     body, n, rig = BODIES["person"], 30, ring_rig(3)

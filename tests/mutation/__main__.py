@@ -72,15 +72,15 @@ def _run(work: list[dict], kept: dict, asked: argparse.Namespace) -> None:
         copies = [Copy(ROOT, Path(scratch) / str(k), cache) for k in range(min(asked.jobs, len(work)))]
         lock, clean_seconds = threading.Lock(), {}
 
-        def clean(copy: Copy, file: str) -> None:
-            status, seconds, said = copy.run(TARGETS[file], 600.0)
+        def clean(copy: Copy, tests: tuple[str, ...]) -> None:
+            status, seconds, said = copy.run(list(tests), 600.0)
             if status != SURVIVED:
-                raise RuntimeError(f"the tests of {file} do not pass without a mutant: {said}")
-            clean_seconds[file] = seconds
+                raise RuntimeError(f"{', '.join(tests)} do not pass without a mutant: {said}")
+            clean_seconds[tests] = seconds
 
         def mutated(copy: Copy, row: dict) -> None:
             mutant = Mutant(**{name: row[name] for name in Mutant.__dataclass_fields__})
-            limit = 15.0 + 3.0 * clean_seconds[mutant.file]
+            limit = 15.0 + 3.0 * clean_seconds[tests_of(mutant.file)]
             status, seconds, said = copy.outcome(mutant, TARGETS[mutant.file], limit)
             with lock:
                 if "status" in row:
@@ -89,8 +89,14 @@ def _run(work: list[dict], kept: dict, asked: argparse.Namespace) -> None:
                 _write(asked.out, kept)
                 print(f"{status:15}{seconds:6.1f} s  {mutant.file}:{mutant.line}  {_change(row)}", flush=True)
 
-        _in_parallel(copies, clean, sorted({row["file"] for row in work}))
-        _in_parallel(copies, mutated, sorted(work, key=lambda row: -clean_seconds[row["file"]]))  # the longest first
+        # Files that have the same tests share their clean run. Then come the mutants, the longest first.
+        _in_parallel(copies, clean, sorted({tests_of(row["file"]) for row in work}))
+        _in_parallel(copies, mutated, sorted(work, key=lambda row: -clean_seconds[tests_of(row["file"])]))
+
+
+def tests_of(file: str) -> tuple[str, ...]:
+    """The tests that judge a file's mutants."""
+    return tuple(TARGETS[file])
 
 
 def _in_parallel(copies: list[Copy], do, things: list) -> None:

@@ -242,7 +242,7 @@ def test_a_truth_of_another_rate_is_matched_by_time():
     report = evaluate(result, truth)
     assert report["truth_frames"] == 6
     assert report["mpjpe_mm"] == pytest.approx(50, abs=SINGLE_PRECISION_MM)
-    with pytest.raises(InputError, match="truth: has 30 frames a second, the recording 60"):
+    with pytest.raises(InputError, match="truth: has 30 frames a second, and the recording 60"):
         evaluate(result, replace(truth, fps=30.0))
 
 
@@ -268,7 +268,7 @@ def test_nothing_judged_is_none_and_json(recwarn):
 def test_truth_of_another_recording_is_refused():
     result = synthetic_result()
     truth = truth_of(result, result.pose[0])
-    with pytest.raises(InputError, match="its frames 110-115 share none with the result's 10-15"):
+    with pytest.raises(InputError, match="has frames 110-115, of which the result, with 10-15, has none"):
         evaluate(result, replace(truth, frame_numbers=truth.frame_numbers + 100))
     nameless = replace(truth, marker_names=(), markers=truth.markers[:, :0], joint_names=tuple("abcdefghijklmnop"))
     with pytest.raises(InputError, match="no markers, and none of its joints"):

@@ -40,6 +40,7 @@ def test_a_sound_result_is_trusted_whatever_its_overlap():
     told = judged()
     assert (told["trusted"], told["frames"], told["holds"]) == (12, 12, True)
     assert told["lines"] == ["12 of 12 frames trusted"]
+    assert told["next"] is None
     assert judged(view_shift=None)["trusted"] == FRAMES  # as in results of earlier versions
 
 
@@ -47,6 +48,7 @@ def test_a_sound_result_is_trusted_whatever_its_overlap():
 def test_frames_without_a_pose_of_their_own_are_not_trusted(name, trusted):
     told = judged(status=statuses(name, slice(5, None)))
     assert (told["trusted"], told["holds"]) == (trusted, trusted > 5)
+    assert told["next"] == (None if told["holds"] else "mmocap calib check s.toml")
 
 
 def test_one_view_is_not_enough():
@@ -61,10 +63,11 @@ def test_a_camera_that_disagrees_is_named_with_what_to_do():
     shift[0, 6:, 1] = np.nan  # it sees somebody now and then
     told = judged(view_shift=shift)
     assert (told["trusted"], told["holds"], list(told["cameras"])) == (0, False, ["cam02"])
-    expected = (
-        "cameras that disagree with the others: cam02 by 40 mm at the body; mend it with: mmocap calib refine s.toml"
-    )
-    assert told["lines"] == ["0 of 12 frames trusted", expected]
+    assert told["lines"] == [
+        "0 of 12 frames trusted",
+        "cameras that disagree with the others: cam02 by 40 mm at the body",
+    ]
+    assert told["next"] == "mmocap calib refine s.toml -o calibration-refined.toml"
 
 
 def test_two_that_may_be_the_wrong_one_are_both_named():

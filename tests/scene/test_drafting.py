@@ -234,7 +234,7 @@ def test_other_files_are_no_calibration(videos: Path) -> None:
 def test_one_video_alone_is_no_recording(videos: Path) -> None:
     for name in RIG.names[1:]:
         (videos / f"{name}.mkv").unlink()
-    with pytest.raises(InputError, match="none are known"):
+    with pytest.raises(InputError, match="no camera is known"):
         draft_scene(videos)
 
 
@@ -343,7 +343,7 @@ def test_a_camera_without_a_video_is_told(videos: Path) -> None:
             lambda folder: [
                 file.rename(folder / f"{i}x.mkv") for i, file in enumerate(sorted(folder.glob("*.mkv")), 7)
             ],
-            "has one of the cameras' names in it \\(cam01, cam02, cam03\\)",
+            "is named after a camera \\(cam01, cam02, cam03\\)",
         ),
     ],
 )

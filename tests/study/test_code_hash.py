@@ -209,4 +209,4 @@ def test_a_worker_with_other_code_refuses(study, tmp_path, monkeypatch):
     job = tasks_of(study, tmp_path / "results")[0].job
     (told,) = Worker("cpu").work(job)
     assert isinstance(told, Refusal)
-    assert "runs other code than that which the study was started with; give all machines the same" in told.problem
+    assert "runs other code than the study was started with; give all machines the same" in told.problem

@@ -3,7 +3,7 @@
 from importlib.resources import files
 
 import pytest
-from browser import Browser, find_browser
+from browser import AXE, Browser, find_browser, violations
 from study_results import SEQUENCES, made_up_study
 
 from mmocap_warp.study.report_build import render
@@ -23,12 +23,20 @@ def page(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def browser(page, tmp_path):
-    with Browser(PROGRAM, tmp_path) as browser:
-        browser.ask("Emulation.setDeviceMetricsOverride", width=1200, height=900, deviceScaleFactor=1, mobile=False)
-        browser.open(page)
+@pytest.fixture(scope="module")
+def started(tmp_path_factory):
+    """A browser that all tests share; each opens the page anew."""
+    with Browser(PROGRAM, tmp_path_factory.mktemp("profile")) as browser:
         yield browser
+
+
+@pytest.fixture
+def browser(started, page):
+    started.ask("Emulation.setDeviceMetricsOverride", width=1200, height=900, deviceScaleFactor=1, mobile=False)
+    started.ask("Emulation.setEmulatedMedia", media="", features=[])
+    started.ask("Emulation.setScriptExecutionDisabled", value=False)
+    started.open(page)
+    return started
 
 
 SHOWN = (
@@ -115,7 +123,6 @@ def test_every_table_of_the_paper_s_grid_fits_a_small_screen(browser, tmp_path):
     shown_tables = "".join(table.html() for table in tables)
     page.write_text(f"<!doctype html><meta charset=utf-8><style>{css}</style><main>{shown_tables}</main>")
     browser.ask("Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False)
-    browser.events.clear()
     browser.open(page)
     shown = "[...document.querySelectorAll('.wide')]"
     assert browser.run(f"{shown}.length") == len(tables)
@@ -124,7 +131,6 @@ def test_every_table_of_the_paper_s_grid_fits_a_small_screen(browser, tmp_path):
 
 def test_it_reads_without_its_script(browser, page):
     browser.ask("Emulation.setScriptExecutionDisabled", value=True)
-    browser.events.clear()
     browser.open(page)
     assert browser.run("document.querySelector('.controls').hidden") is True
     for section in ("ranks", "spread", "curves", "budget", "models"):
@@ -140,3 +146,11 @@ def test_dark_and_print_have_their_colours(browser):
     browser.ask("Emulation.setEmulatedMedia", media="print", features=dark)
     assert browser.run(paper) == "rgb(255, 255, 255)"
     assert browser.run("getComputedStyle(document.querySelector('.controls')).display") == "none"
+
+
+@pytest.mark.skipif(AXE is None, reason="axe-core is not installed")
+@pytest.mark.parametrize("width", [390, 1200])
+def test_axe_finds_nothing(browser, width):
+    browser.ask("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
+    browser.run("new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
+    assert violations(browser) == []

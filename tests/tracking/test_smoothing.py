@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -89,6 +90,30 @@ def test_the_clip_is_nearer_the_truth_than_its_frames():
     assert (result.angle_sigma[..., searched] > 0).all()
     assert not np.delete(result.angle_sigma, searched, axis=2).any()
     assert (result.joint_sigma > 0).all()
+
+
+def test_learnt_factors_stretch_deviations_and_the_roots_are_those_of_its_joint(monkeypatch):
+    """A coordinate's by its own factor, up to how wide anything can be; the root's place is that of the root joint."""
+    raw, joints, coordinates = rough_track(), len(SKELETON.joints), SKELETON.coordinates
+    raw.pose[0] = swinging()[0]
+    factors, stated = SimpleNamespace(joint=np.ones((joints, 3)), coordinate=np.full(coordinates, 3.0)), []
+    combine = smoothing.combine
+
+    def combined(*given):
+        sigma = combine(*given)
+        stated.append(sigma.pose.copy())
+        return sigma
+
+    monkeypatch.setattr(smoothing, "deviation_factors", lambda body: factors)
+    monkeypatch.setattr(smoothing, "combine", combined)
+    result = smoothed(raw, CONFIG, swinging()[1])
+    np.testing.assert_allclose(result.angle_sigma[0, :, :3], result.joint_sigma[0, :, 0], rtol=1e-5)
+    angles = SKELETON.searched()[3:]
+    before, after = np.concatenate(stated)[:, angles], result.angle_sigma[0][:, angles]
+    known = before < 0.1  # far from as wide as limits are
+    assert known.mean() > 0.5
+    np.testing.assert_allclose(after[known], 3 * before[known], rtol=1e-5)
+    assert (after <= 3.00001 * before).all()
 
 
 def test_an_arm_that_later_frames_know_better_is_found(monkeypatch):

@@ -133,7 +133,7 @@ class Adjustment:
         try:
             return fit_clip(self._body, changed(self.given, change), self.footage.fps, observations, config)
         except NoSubjectError as error:
-            remedy = "look at the masks (mmocap mask), and whether they are of these cameras"
+            remedy = "look at the masks (mmocap mask), and check that they belong to these cameras"
             raise InputError(self.scene.path, str(error), remedy) from None
 
     def track_person(self, change: np.ndarray, subject: Subject) -> Person:
@@ -147,8 +147,10 @@ class Adjustment:
         result = track_observations(subject, rig, seen, fps, config)
         found = np.flatnonzero(np.isin(result.status[0], _FOUND_STATUS))
         if len(found) < 2 * MIN_FRAMES:
-            problem = f"the person could be followed in {len(found)} frames, {2 * MIN_FRAMES} are needed"
-            raise InputError(self.scene.path, problem, "choose others with --frames, or start nearer to the truth")
+            problem = f"the person was tracked in {len(found)} frames only, {2 * MIN_FRAMES} are needed"
+            raise InputError(
+                self.scene.path, problem, "choose other frames with --frames, or start from a better calibration"
+            )
         rooting = Rooting(self._body.skeleton, subject.root_base, self._body.skeleton.searched())
         return Person(subject, observations, Motion(rooting, rooting.enter(result.pose[0]), fps), found)
 

@@ -63,8 +63,8 @@ def standing_view(name: str, head: np.ndarray, foot: np.ndarray, K: np.ndarray, 
     seen = np.isfinite(head[:, 0])
     if seen.sum() < FEWEST_FRAMES:
         raise UnsolvableError(
-            f"camera '{name}' shows the whole person, upright and inside the image, in {int(seen.sum())} of "
-            f"{len(seen)} frames; at least {FEWEST_FRAMES} are needed"
+            f"camera '{name}': {int(seen.sum())} of {len(seen)} frames show the whole person, upright and inside the "
+            f"image, and at least {FEWEST_FRAMES} are needed; record more, or place the camera further away"
         )
     head, foot = head[seen], foot[seen]
     right, down = (head - foot).mean(axis=0)
@@ -83,8 +83,8 @@ def standing_view(name: str, head: np.ndarray, foot: np.ndarray, K: np.ndarray, 
     plausible = [each for each in good if abs(each.x[0]) < _MAX_TILT and _MIN_HEIGHT < each.x[2] < _MAX_HEIGHT]
     if not plausible:
         raise UnsolvableError(
-            f"the person in camera '{name}' is no upright stick of {stature:.2f} m on a level floor; let the person "
-            "walk upright, over several metres, before cameras that look less than 60 degrees down"
+            f"camera '{name}': nobody of {stature:.2f} m walks upright on a level floor in its masks; check --height, "
+            "let the person walk several metres upright, and tilt the camera less than 60 degrees down"
         )
     # The best camera gives the person's places on the floor, which must be apart.
     tilt, roll, height = min(plausible, key=lambda each: float(each.cost)).x
@@ -94,8 +94,8 @@ def standing_view(name: str, head: np.ndarray, foot: np.ndarray, K: np.ndarray, 
     walked = float(np.sqrt(np.linalg.eigvalsh(np.cov(track[seen].T))[1]))
     if walked < _MIN_WALK:
         raise UnsolvableError(
-            f"the person hardly leaves one place in camera '{name}' (standard deviation {walked:.2f} m, at least "
-            f"{_MIN_WALK} are needed); record somebody who walks about"
+            f"camera '{name}': the person hardly moves (standard deviation {walked:.2f} m, at least {_MIN_WALK} m are "
+            "needed); record somebody who walks about"
         )
     return StandingView(R, float(height), track)
 

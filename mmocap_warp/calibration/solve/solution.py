@@ -187,8 +187,8 @@ def _check(names: tuple[str, ...], agreed: np.ndarray, sigma: list[np.ndarray]) 
     if agreed[worst] < _MIN_AGREED:
         raise UnsolvableError(
             f"only {100 * agreed[worst]:.0f} % of the outlines' tangents of camera '{names[worst]}' agree with other "
-            f"views within {MAX_MISS:g} px; is it synchronous (mmocap sync), its lens without much distortion, and do "
-            "all masks show one and the same person?"
+            f"views within {MAX_MISS:g} px; run mmocap sync, check that its lens has little distortion, and that all "
+            "masks show the same person"
         )
     for k, name in enumerate(names):
         if sigma[0][k] > _MAX_PLACE_SIGMA or sigma[1][k] > _MAX_TILT_SIGMA:

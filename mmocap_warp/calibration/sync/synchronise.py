@@ -138,7 +138,7 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
     if not 0 < within < 1000:
         raise ValueError(f"within must be a time in seconds, got {within:g}")
     if len(scene.cameras) < 2:
-        raise InputError(scene.path, "one camera has nothing to be in step with", "name at least two cameras")
+        raise InputError(scene.path, "names one camera, and synchronising needs two", "name another camera")
     # Read all masks once, each camera's in its own frames.
     recorded = scene.as_recorded()
     scale = min(1.0, _MAX_PIXELS / int(scene.calibrated.size.max()))
@@ -182,8 +182,8 @@ def _signals(motion: SilhouetteMotion, scene: Scene, k: int) -> np.ndarray:
     try:
         signals = motion.signals(scene.fps * rate)
     except ValueError:
-        where, remedy = f"{scene.path}: [cameras.{name}]", "look at them, or leave the camera out"
-        raise InputError(where, "its masks show nobody in two frames", remedy) from None
+        where, remedy = f"{scene.path}: [cameras.{name}]", "make better masks, or leave the camera out"
+        raise InputError(where, "its masks show somebody in fewer than two frames", remedy) from None
     at = (np.arange(int(len(signals) / rate)) + 0.5) * rate - 0.5
     return np.stack([np.interp(at, np.arange(len(signals)), column) for column in signals.T], axis=1)
 

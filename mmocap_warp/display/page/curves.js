@@ -34,11 +34,14 @@ class Curve {
     this.svg.addEventListener("pointerdown", follow);
     this.svg.addEventListener("pointermove", follow);
     this.figure = element("figure", {}, [
-      element("figcaption", {}, [element("span", { textContent: curve.name }), this.now]),
+      element("figcaption", {}, [
+        element("span", { textContent: this.values.raw ? `${curve.name} (dashed: raw)` : curve.name }), this.now,
+      ]),
       element("div", { className: "plot" }, [
+        element("div", { className: "scale" }, [
+          element("span", { textContent: this.word(this.high) }), element("span", { textContent: this.word(this.low) }),
+        ]),
         this.svg,
-        element("span", { className: "high", textContent: this.word(this.high) }),
-        element("span", { className: "low", textContent: this.word(this.low) }),
       ]),
     ]);
   }

@@ -1,5 +1,5 @@
 "use strict";
-// What Python packed: little-endian values in base64, as mmocap_warp/viewing/packing.py writes them.
+// What Python packed: little-endian values in base64, as mmocap_warp/display/page/page_content.py writes them.
 const KINDS = { u2: Uint16Array, u4: Uint32Array, i2: Int16Array, f4: Float32Array };
 
 function unpack(packed) {

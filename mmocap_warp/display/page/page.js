@@ -8,8 +8,13 @@ const last = frames.length - 1;
 const tracks = content.runs.map((run) => Object.fromEntries(
   Object.entries(run.tracks).map(([name, motion]) => [name, new Track(motion, body.joints.length)])));
 const overlaps = content.runs.map((run) => unpack(run.iou));
-const state = { position: 0, playing: false, run: content.best, through: null };
+const sigmas = content.runs.map((run) => run.sigma && unpack(run.sigma));
+const truth = content.truth && new TruePlaces(content.truth);
+const ALL = "all"; // cameras side by side
+const state = { position: 0, playing: false, run: content.best, through: null, pointer: null };
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
 let curves = [];
+let views = []; // that are drawn: each one's camera (null: none), pinhole, and left and top in the canvas
 
 // What is shown: a frame, or a place between two while it plays.
 const trackName = () => (part.raw.checked && tracks[state.run].raw ? "raw" : "final");
@@ -18,7 +23,27 @@ const frame = () => Math.min(Math.round(state.position), last);
 
 function seek(position) {
   state.position = Math.min(Math.max(position, 0), last);
+  linkFrame();
   refresh();
+}
+
+// The address ends in the frame that is shown: a link to it.
+let linking;
+function linkFrame() {
+  clearTimeout(linking); // browsers refuse more than a few changes a second
+  linking = setTimeout(() => {
+    try {
+      history.replaceState(null, "", `#frame=${frames[frame()]}`);
+    } catch { /* a page within a notebook has no address */ }
+  }, 300);
+}
+
+function seekLinked() {
+  const asked = /^#frame=(-?\d+)$/.exec(location.hash);
+  if (!asked) return;
+  const off = frames.map((number) => Math.abs(number - Number(asked[1])));
+  play(false);
+  seek(off.indexOf(Math.min(...off)));
 }
 
 function play(playing) {
@@ -27,6 +52,7 @@ function play(playing) {
   state.playing = playing;
   part.play.textContent = playing ? "Pause" : "Play";
   part.play.setAttribute("aria-pressed", String(playing));
+  if (!playing) linkFrame();
   refresh();
 }
 
@@ -36,7 +62,8 @@ function advance(elapsed) {
   const span = (i) => seconds[Math.min(i + 1, last)] - seconds[Math.min(i, last)];
   const time = seconds[now] + rest * span(now) + elapsed * Number(part.speed.value);
   if (time >= seconds[last]) {
-    state.position = 0; // and again
+    if (calm.matches) play(false);
+    state.position = calm.matches ? last : 0; // and again
     return;
   }
   let i = now;
@@ -49,13 +76,16 @@ function chooseRun(run) {
   const odd = content.runs[run].status.flatMap((status, i) => (status === 0 ? [] : [i]));
   curves = content.runs[run].curves.map((curve) => new Curve(curve, odd, (i) => { play(false); seek(i); }));
   part.curves.replaceChildren(...curves.map((curve) => curve.figure));
-  part.unsmoothed.hidden = !tracks[run].raw;
+  part.raw.parentElement.hidden = !tracks[run].raw;
+  part.deviations.parentElement.hidden = !sigmas[run];
   refresh();
 }
 
 function lookThrough(k) {
-  state.through = k !== null && k < cameras.length && k !== state.through ? k : null;
+  state.through = (k === ALL || k < cameras.length) && k !== state.through ? k : null;
   part.free.hidden = state.through === null;
+  part.free.firstChild.textContent = state.through === ALL ? "Leave the cameras " : "Leave the camera ";
+  part.all.setAttribute("aria-pressed", String(state.through === ALL));
   tiles.forEach((tile, i) => tile.button.setAttribute("aria-pressed", String(i === state.through)));
   refresh();
 }
@@ -72,26 +102,36 @@ class Tile {
     const withImages = camera.images.some(Boolean);
     for (const kind of ["images", "masks"]) {
       if (!camera[kind].some(Boolean)) continue;
-      const picture = element("img", { alt: "", className: kind === "masks" && withImages ? "over" : "" });
+      const picture = element("img", { alt: "" });
       picture.addEventListener("load", () => {
         if (stage) this.textures[kind] = stage.loadPicture(picture, this.textures[kind]);
         refresh();
       });
       this.pictures[kind] = picture;
-      seen.append(picture);
+      if (kind === "images") seen.append(picture);
+      else {
+        this.tint = element("span", { className: withImages ? "tint over" : "tint" }, [picture]);
+        seen.append(this.tint);
+      }
     }
+    const wide = 320;
+    this.bones = element("canvas", { width: wide, height: Math.round((wide * camera.size[1]) / camera.size[0]) });
+    this.pinhole = pinholes[k];
+    seen.append(this.bones);
     this.overlap = element("span");
     this.age = element("span", { className: "age" });
     seen.append(this.age);
     const name = element("span", { textContent: `${k + 1} ${camera.name}`, title: camera.name });
     this.button = element("button", { type: "button" }, [
-      ...(Object.keys(this.pictures).length ? [seen] : []), element("span", { className: "words" }, [name, this.overlap]),
+      seen, element("span", { className: "words" }, [name, this.overlap]),
     ]);
     this.button.setAttribute("aria-pressed", "false");
     this.button.addEventListener("click", () => lookThrough(k));
   }
 
   show(i, overlap, keep) {
+    drawBones(this.bones, this.pinhole, body, part.skeleton.checked && joints, content.onPictures);
+    if (this.tint) this.tint.hidden = !part.mask.checked;
     for (const [kind, picture] of Object.entries(keep ? {} : this.pictures)) {
       const number = Math.floor(i / content.every[kind]);
       if (this.shown[kind] === number) continue;
@@ -107,17 +147,19 @@ class Tile {
   }
 }
 
-// Colours follow the page's, light or dark.
-let colours;
+// Colours follow the page's, light or dark; over pictures they are those of the dark one.
+const style = (name) => hex(getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+const table = [0, 1].map((i) =>
+  Object.fromEntries(Object.entries(content.colours).map(([name, both]) => [name, hex(both[i])])));
+content.onPictures = Object.fromEntries(Object.entries(content.colours).map(([name, both]) => [name, both[1]]));
+let colours, bright;
 function readColours() {
-  const style = getComputedStyle(document.documentElement);
-  const names = ["plate", "grid", "skin", "left", "right", "middle", "mask", "soft", "accent"];
-  colours = Object.fromEntries(names.map((name) => {
-    const hex = style.getPropertyValue(`--${name}`).trim();
-    return [name, [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255)];
-  }));
+  const page = Object.fromEntries(["plate", "grid", "soft", "accent"].map((name) => [name, style(name)]));
+  bright = { ...table[1], ...page, plate: hex("#101215") };
+  colours = { ...table[Number(dark.matches)], ...page };
   refresh();
 }
+const dark = matchMedia("(prefers-color-scheme: dark)");
 
 let orbit;
 function placeView() {
@@ -127,6 +169,7 @@ function placeView() {
   const front = turning(track().at(0, joints)).map((row) => row[2]); // where the body's +Z points in the first frame
   orbit = new Orbit(middle, 3.8 * radius, content.up, front);
   orbit.reach = radius;
+  refresh();
 }
 
 const camerasReach = () => Math.max(...pinholes.map((pinhole) => Math.hypot(...add(pinhole.eye, orbit.target, -1))));
@@ -146,10 +189,8 @@ function gridLines() {
   return lines;
 }
 
-function skeletonLines() {
-  const place = (j) => [...joints.subarray(8 * j + 4, 8 * j + 7)];
-  return body.parent.flatMap((parent, j) =>
-    parent < 0 ? [] : [[...place(parent), ...place(j), ...colours[body.side[j]], 1, 3]]);
+function skeletonLines(of = colours) {
+  return boneLines(body, joints, of);
 }
 
 function cameraLines(corners, eye, chosen) {
@@ -159,7 +200,18 @@ function cameraLines(corners, eye, chosen) {
 
 function drawPictures(tile, corners, depth) {
   if (tile.textures.images) stage.drawPicture(tile.textures.images, corners, depth);
-  if (tile.textures.masks) stage.drawPicture(tile.textures.masks, corners, depth, [...colours.mask, tile.textures.images ? 0.45 : 0.7]);
+  if (!tile.textures.masks || !part.mask.checked) return;
+  stage.drawPicture(tile.textures.masks, corners, depth, [...colours.mask, tile.textures.images ? 0.45 : 0.7]);
+}
+
+// What is shown in a window of that size.
+function viewsIn(size) {
+  if (state.through === null) return [{ camera: null, pinhole: orbit.view(size), left: 0, top: 0 }];
+  if (state.through !== ALL) {
+    return [{ camera: state.through, pinhole: pinholes[state.through].within(size), left: 0, top: 0 }];
+  }
+  return cells(size, cameras.map(({ size: of }) => of)).map(([left, top, width, height], k) => (
+    { camera: k, pinhole: pinholes[k].within([width, height]), left, top }));
 }
 
 let stage = null;
@@ -167,37 +219,94 @@ function draw() {
   const ratio = Math.min(devicePixelRatio, 2) * (slow() ? 0.7 : 1);
   const size = [part.world.clientWidth, part.world.clientHeight].map((s) => Math.max(1, Math.round(s * ratio)));
   if (part.world.width !== size[0] || part.world.height !== size[1]) [part.world.width, part.world.height] = size;
-  const view = state.through === null ? orbit.view(size) : pinholes[state.through].within(size);
-  const reach = camerasReach();
-  stage.gl.clearColor(...colours.plate, 1);
-  stage.begin(view, 4 * (reach + orbit.distance) + 100);
-  track().at(state.position, joints);
-  const depth = Math.min(Math.max(0.12 * reach, 0.15), 1);
-  if (state.through === null) stage.drawLines(gridLines(), true);
-  else {
-    const corners = pinholes[state.through].corners(2 * reach);
-    drawPictures(tiles[state.through], corners, false);
-    stage.drawLines(cameraLines(corners, pinholes[state.through].eye, true), false);
-  }
-  stage.drawSkin(joints, add(view.R[2], content.up, -0.6).map((v, i, a) => -v / Math.hypot(...a)),
-    [...colours.skin, state.through === null ? 1 : 0.6], slow() ? stage.coarse : stage.fine);
-  stage.drawLines(skeletonLines(), false);
-  if (state.through === null) {
-    pinholes.forEach((pinhole, k) => {
-      const corners = pinhole.corners(depth);
-      drawPictures(tiles[k], corners, true);
-      stage.drawLines(cameraLines(corners, pinhole.eye, false), true);
-    });
-  }
-  placeLabels(view, ratio);
+  views = viewsIn(size);
+  for (const each of views) drawView(each, size[1]);
+  placeLabels(ratio);
 }
 
-function placeLabels(view, ratio) {
-  [...part.labels.children].forEach((label, k) => {
-    const at = state.through === null ? view.pixel(pinholes[k].eye) : null;
+function drawView({ camera, pinhole, left, top }, high) {
+  const reach = camerasReach(), free = camera === null, of = free ? colours : bright;
+  stage.begin(pinhole, 4 * (reach + orbit.distance) + 100, [left, high - top - pinhole.size[1]], of.plate);
+  if (free) stage.drawLines(gridLines(), true);
+  else {
+    const corners = pinholes[camera].corners(2 * reach);
+    drawPictures(tiles[camera], corners, false);
+    stage.drawLines(cameraLines(corners, pinholes[camera].eye, true), false);
+  }
+  if (part.mesh.checked) {
+    stage.drawSkin(joints, add(pinhole.R[2], content.up, -0.6).map((v, i, a) => -v / Math.hypot(...a)),
+      [...of.model, free ? 1 : 0.6], slow() ? stage.coarse : stage.fine);
+  }
+  if (part.skeleton.checked) stage.drawLines(skeletonLines(of), false);
+  const sigma = sigmas[state.run], size = 3 * body.joints.length;
+  if (sigma && part.deviations.checked) {
+    const now = sigma.subarray(frame() * size, (frame() + 1) * size);
+    stage.drawLines(deviationLines(joints, now, content.deviations, of.deviations), false);
+  }
+  if (truth && part.truth.checked) stage.drawLines(truth.lines(frame(), of.truth), false);
+  if (!free) return;
+  const depth = Math.min(Math.max(0.12 * reach, 0.15), 1);
+  pinholes.forEach((each, k) => {
+    const corners = each.corners(depth);
+    drawPictures(tiles[k], corners, true);
+    stage.drawLines(cameraLines(corners, each.eye, false), true);
+  });
+}
+
+// Cameras' numbers in the world, their names in their cells, and joints' names: that below the pointer, or all.
+const NEAR = 14; // pixels of the window
+function placeLabels(ratio) {
+  const put = (label, at) => {
     label.hidden = !at;
     if (at) [label.style.left, label.style.top] = at.map((value) => `${value / ratio}px`);
+  };
+  cameraLabels.forEach((label, k) => {
+    const cell = state.through === ALL ? views[k] : null;
+    label.className = cell ? "corner" : "";
+    label.textContent = cell ? `${k + 1} ${cameras[k].name}  ${tiles[k].overlap.textContent}` : k + 1;
+    put(label, cell ? lowerLeft(cell) : state.through === null && views[0].pinhole.pixel(pinholes[k].eye));
   });
+  const hovered = jointBelow(ratio);
+  const all = part.names.checked && views.length === 1 ? views[0] : null;
+  const named = jointLabels.map((label, j) => {
+    const of = hovered?.joint === j ? hovered.view : all;
+    const at = of && of.pinhole.pixel(placeOf(joints, j));
+    return { label, at: at && [at[0] + of.left, at[1] + of.top] };
+  });
+  apart(named.filter(({ at }) => at), ratio);
+  for (const { label, at } of named) put(label, at);
+}
+
+// Moves names down that would lie on others.
+function apart(named, ratio) {
+  const wide = (a, b) => 4.5 * ratio * (a.label.textContent.length + b.label.textContent.length), high = 20 * ratio;
+  const meet = (a, b) => Math.abs(a.at[0] - b.at[0]) < wide(a, b) && Math.abs(a.at[1] - b.at[1]) < high;
+  named.sort((a, b) => a.at[1] - b.at[1]);
+  named.forEach((one, i) => {
+    for (const other of named.slice(0, i)) if (meet(one, other)) one.at[1] = other.at[1] + high;
+  });
+}
+
+// Where a camera's image ends in its cell.
+function lowerLeft({ camera, pinhole: { focal, size }, left, top }) {
+  const scale = focal[0] / pinholes[camera].focal[0];
+  const [width, height] = cameras[camera].size.map((s) => s * scale);
+  return [left + (size[0] - width) / 2, top + (size[1] + height) / 2];
+}
+
+// The joint that is nearest to the pointer, and the view that it is in.
+function jointBelow(ratio) {
+  if (!state.pointer) return null;
+  let found = null, least = NEAR * ratio;
+  const pointer = state.pointer.map((value) => value * ratio);
+  for (const each of views) {
+    for (let j = 0; j < body.joints.length; j++) {
+      const at = each.pinhole.pixel(placeOf(joints, j));
+      const off = at ? Math.hypot(at[0] + each.left - pointer[0], at[1] + each.top - pointer[1]) : Infinity;
+      if (off < least) [found, least] = [{ joint: j, view: each }, off];
+    }
+  }
+  return found;
 }
 
 // The page is drawn when something has changed, once before the screen's next picture.
@@ -235,8 +344,9 @@ function show() {
   part.slider.value = i;
   part.where.textContent = `Frame ${frames[i]}, ${seconds[i].toFixed(2)} s, ${content.statuses[run.status[i]]}`;
   part.slider.setAttribute("aria-valuetext", part.where.textContent);
+  track().at(state.position, joints);
   renewPictures(i, seen);
-  part.age.textContent = state.through === null ? "" : tiles[state.through].age.textContent;
+  part.age.textContent = tiles[state.through === ALL ? 0 : state.through]?.age.textContent ?? "";
   for (const curve of curves) curve.show(i, trackName());
   if (stage) draw();
 }
@@ -253,6 +363,9 @@ function turnByPointer(canvas) {
     canvas.addEventListener(kind, (event) => held.delete(event.pointerId));
   }
   canvas.addEventListener("pointermove", (event) => {
+    const box = canvas.getBoundingClientRect();
+    state.pointer = held.size ? null : [event.clientX - box.left, event.clientY - box.top];
+    refresh();
     if (!held.has(event.pointerId) || state.through !== null) return;
     const [was, apart] = [middle(), held.size === 2 ? spread() : 0];
     held.set(event.pointerId, [event.clientX, event.clientY]);
@@ -261,6 +374,15 @@ function turnByPointer(canvas) {
     if (held.size === 2 || event.shiftKey) orbit.move(right, down, orbit.view([canvas.clientWidth, canvas.clientHeight]));
     else orbit.turn(-right / 150, down / 150);
     refresh();
+  });
+  canvas.addEventListener("pointerleave", () => { state.pointer = null; refresh(); });
+  canvas.addEventListener("click", (event) => {
+    if (state.through !== ALL) return;
+    const box = canvas.getBoundingClientRect(), ratio = canvas.width / box.width;
+    const [x, y] = [event.clientX - box.left, event.clientY - box.top].map((value) => value * ratio);
+    const cell = views.find(({ left, top, pinhole: { size } }) =>
+      x >= left && x < left + size[0] && y >= top && y < top + size[1]);
+    if (cell) lookThrough(cell.camera);
   });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
@@ -271,13 +393,28 @@ function turnByPointer(canvas) {
 
 const step = (by) => () => { play(false); seek(state.position + by); };
 const view = (change) => () => { change(); refresh(); };
+const layer = (box) => () => { if (!box.parentElement.hidden) box.click(); };
+const pacing = (by) => () => {
+  const { options, selectedIndex } = part.speed;
+  part.speed.selectedIndex = Math.min(Math.max(selectedIndex + by, 0), options.length - 1);
+};
 const KEYS = {
   " ": () => play(!state.playing),
   ArrowLeft: step(-1),
   ArrowRight: step(1),
   Home: step(-Infinity),
   End: step(Infinity),
-  r: () => { part.raw.checked = !part.raw.checked; refresh(); },
+  ",": pacing(-1),
+  ".": pacing(1),
+  a: () => lookThrough(ALL),
+  v: () => placeView(),
+  m: layer(part.mask),
+  b: layer(part.mesh),
+  s: layer(part.skeleton),
+  d: layer(part.deviations),
+  t: layer(part.truth),
+  n: layer(part.names),
+  r: layer(part.raw),
   "+": view(() => orbit.nearer(0.9)),
   "=": view(() => orbit.nearer(0.9)),
   "-": view(() => orbit.nearer(1 / 0.9)),
@@ -305,8 +442,12 @@ addEventListener("keydown", (event) => {
 part.slider.max = last;
 part.slider.addEventListener("input", () => { const to = Number(part.slider.value); play(false); seek(to); });
 part.play.addEventListener("click", () => play(!state.playing));
-part.raw.addEventListener("change", refresh);
-part.raw.disabled = false;
+for (const box of document.querySelectorAll(".layers input")) box.addEventListener("change", refresh);
+part.mask.parentElement.hidden = !cameras.some((camera) => camera.masks.some(Boolean));
+part.truth.parentElement.hidden = !truth;
+part.sigmas.textContent = `${content.deviations} standard deviations`;
+part.all.addEventListener("click", () => lookThrough(ALL));
+part.reset.addEventListener("click", () => placeView());
 part.run.append(...content.runs.map((run, i) => element("option", { value: i, textContent: run.name })));
 part.run.value = state.run;
 part.run.addEventListener("change", () => chooseRun(Number(part.run.value)));
@@ -321,10 +462,14 @@ try {
 }
 const tiles = cameras.map((camera, k) => new Tile(camera, k));
 part.cameras.append(...tiles.map((tile) => element("li", {}, [tile.button])));
-part.labels.append(...cameras.map((_, k) => element("span", { textContent: k + 1 })));
+const cameraLabels = cameras.map((_, k) => element("span", { textContent: k + 1 }));
+const jointLabels = body.joints.map((name) => element("span", { className: "joint", textContent: name }));
+part.labels.append(...cameraLabels, ...jointLabels);
 placeView();
 turnByPointer(part.world);
 new ResizeObserver(refresh).observe(part.world);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", readColours);
+dark.addEventListener("change", readColours);
+addEventListener("hashchange", seekLinked);
 readColours();
 chooseRun(state.run);
+seekLinked();

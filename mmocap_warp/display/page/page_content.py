@@ -12,13 +12,15 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.display.chart import COLOURS
+from mmocap_warp.display.overlay import ELLIPSE
 from mmocap_warp.formats.image_files import encode_png
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.truth import Truth, at_rate
 
-_LONGER_SIDE = 240  # longer side of a picture [px]
+_MASK_SIDE, _IMAGE_SIDE = 240, 320  # longer side of a mask and of an image [px]
 _JPEG_QUALITY = 60
 _MASK_CHARACTERS = 1_600_000  # room for all masks, at about half a kilobyte each
 _IMAGE_CHARACTERS = 2_000_000  # room for all images, at about six kilobytes each
@@ -28,13 +30,21 @@ Views = Iterable[Sequence[np.ndarray | None]]  # per frame, a picture for each c
 
 def small_masks(masks: Views, cameras: int) -> Pictures:
     """Masks of all frames, or of as many as have room, as PNGs of one bit a pixel."""
-    return _within(_MASK_CHARACTERS, masks, cameras, lambda mask: encode_png(_small(mask.astype(np.uint8) * 255) > 127))
+    return _within(_MASK_CHARACTERS, masks, cameras, _encoded_mask)
 
 
 def small_images(images: Views, cameras: int) -> Pictures:
     """Images of all frames, or of as many as have room, as JPEGs."""
+    return _within(_IMAGE_CHARACTERS, images, cameras, _encoded_image)
+
+
+def _encoded_mask(mask: np.ndarray) -> bytes:
+    return encode_png(_small(mask.astype(np.uint8) * 255, _MASK_SIDE) > 127)
+
+
+def _encoded_image(image: np.ndarray) -> np.ndarray:
     quality = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY)
-    return _within(_IMAGE_CHARACTERS, images, cameras, lambda image: cv2.imencode(".jpg", _small(image), quality)[1])
+    return cv2.imencode(".jpg", _small(image, _IMAGE_SIDE), quality)[1]
 
 
 def _within(characters: int, views: Views, cameras: int, encoded: Callable[[np.ndarray], Any]) -> Pictures:
@@ -46,9 +56,9 @@ def _within(characters: int, views: Views, cameras: int, encoded: Callable[[np.n
     return Pictures.within(characters, columns)
 
 
-def _small(picture: np.ndarray) -> np.ndarray:
+def _small(picture: np.ndarray, longer_side: int) -> np.ndarray:
     height, width = picture.shape[:2]
-    scale = min(1.0, _LONGER_SIDE / max(height, width))
+    scale = min(1.0, longer_side / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
 
@@ -92,6 +102,7 @@ def _frames(step: int) -> str:
     return "every frame" if step == 1 else f"one frame in {step}"
 
 
+_UNKNOWN = 65535  # in the place of a coordinate that is not known
 _ROTATION_STEPS = 32767  # steps of a quaternion's component from 0 to 1
 Packed = dict[str, Any]  # what JSON can say
 
@@ -156,6 +167,9 @@ def content(
         "frames": result.frame_numbers.tolist(),
         "every": {"masks": masks.every if masks else 1, "images": images.every if images else 1},
         "statuses": list(STATUS),
+        "colours": COLOURS,
+        "deviations": ELLIPSE,
+        "truth": None if truth is None else _truth(result, truth),
         "best": result.best_run,
         "runs": _runs(result, truth),
     }
@@ -200,10 +214,38 @@ def _runs(result: Result, truth: Truth | None) -> list[dict[str, Any]]:
             "tracks": {name: _motion(result, pose[run]) for name, pose in poses.items()},
             "status": result.status[run].tolist(),
             "iou": packed_values(result.iou[run]),  # (frame, camera)
+            "sigma": None if result.joint_sigma is None else _sigma(result.joint_sigma[run]),
             "curves": [_curve(curve, run) for curve in known if np.isfinite(curve.values["final"][run]).any()],
         }
         for run in range(len(result.pose))
     ]
+
+
+def _sigma(sigma: np.ndarray) -> Packed:
+    """Standard deviations (frame, joint, 3) of joints' places in tenths of a millimetre; zero where not known."""
+    return packed(np.rint(np.nan_to_num(1e4 * sigma, posinf=0.0)).clip(0, 65535).astype(np.uint16))
+
+
+def _truth(result: Result, truth: Truth) -> dict[str, Any] | None:
+    """True places of joints, or of markers, at the page's frames, and which of them are joined by bones.
+
+    None where no place is known at these frames.
+    """
+    truth = at_rate(truth, result.fps)
+    names, places = (truth.joint_names, truth.joints) if truth.joint_names else (truth.marker_names, truth.markers)
+    points = np.full((len(result.frame_numbers), len(names), 3), np.nan)
+    _, mine, theirs = np.intersect1d(result.frame_numbers, truth.frame_numbers, return_indices=True)
+    points[mine] = places[theirs]
+    if not np.isfinite(points).any():
+        return None
+    # A bone joins a known joint to the nearest known joint above it.
+    skeleton, bones = result.subject.body.skeleton, []
+    for name in set(names) & set(skeleton.joints):
+        above = skeleton.parent[skeleton.joints.index(name)]
+        while above >= 0 and skeleton.joints[above] not in names:
+            above = skeleton.parent[above]
+        bones += [[names.index(name), names.index(skeleton.joints[above])]] if above >= 0 else []
+    return {"names": list(names), "bones": sorted(bones), "points": packed_places(points)}
 
 
 def _curve(curve: Curve, run: int) -> dict[str, Any]:
@@ -236,12 +278,15 @@ def packed_values(values: np.ndarray) -> Packed:
 
 
 def packed_places(places: np.ndarray) -> Packed:
-    """Points (..., 3) [m] in 6 bytes each: ``low + step * values``, off by half a ``step`` at most along an axis."""
+    """Points (..., 3) [m] in 6 bytes each: ``low + step * values``, off by half a ``step`` at most along an axis.
+
+    The values of a point that is not known (NaN) are ``_UNKNOWN``.
+    """
     flat = places.reshape(-1, 3)
-    low = flat.min(axis=0)
-    step = max(float((flat.max(axis=0) - low).max()), 1e-3) / 65535
-    values = np.rint((places - low) / step).clip(0, 65535).astype(np.uint16)
-    return {"low": low.tolist(), "step": step, "values": packed(values)}
+    low = np.nanmin(flat, axis=0)
+    step = max(float(np.nanmax(flat - low)), 1e-3) / (_UNKNOWN - 1)
+    values = np.rint((places - low) / step).clip(0, _UNKNOWN - 1)
+    return {"low": low.tolist(), "step": step, "values": packed(np.nan_to_num(values, nan=_UNKNOWN).astype(np.uint16))}
 
 
 def packed_rotations(rotations: np.ndarray) -> Packed:

@@ -172,11 +172,15 @@ class Stage {
     return target;
   }
 
-  begin(view, far) {
+  // Draws into a part of the window, whose left and bottom are given, from now on.
+  begin(view, far, corner, colour) {
     const { gl } = this;
     this.clip = view.clip(0.05, far);
     this.size = view.size;
-    gl.viewport(0, 0, ...view.size);
+    gl.viewport(...corner, ...view.size);
+    gl.enable(gl.SCISSOR_TEST);
+    gl.scissor(...corner, ...view.size);
+    gl.clearColor(...colour, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from mmocap_warp.display.chart import colour_rules
 from mmocap_warp.display.page.page_content import Views, content, pose_step, sentence, small_images, small_masks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.result.result import Result
@@ -27,7 +28,7 @@ from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
 
 _HERE = "mmocap_warp.display.page"
-_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "page.js")
+_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "layers.js", "page.js")
 _IMAGE_SIDE = 320  # larger images are read with this longer side [px]
 
 
@@ -93,7 +94,7 @@ def view(
         resource(_HERE, "page.html"),
         title=name,
         script="\n".join(resource(_HERE, part) for part in _SCRIPTS),
-        style=resource(_HERE, "page.css"),
+        style=colour_rules(":root") + resource(_HERE, "page.css"),
         summary=escape(_summary(result)),
         holds=escape(sentence(shown.rate, step, masks, pictures)),
         version=escape(__version__),

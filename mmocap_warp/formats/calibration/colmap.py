@@ -162,7 +162,7 @@ def write_colmap(path: str | Path, rig: CameraRig) -> None:
     cameras, images = [], []
     for k, name in enumerate(rig.names):
         if set(name) & set(" \t\r\n/\\") or not name:
-            raise InputError(path, f"COLMAP cannot have a camera '{name}'", "name it without blanks and slashes")
+            raise InputError(path, f"COLMAP allows no camera name '{name}'", "name it without blanks and slashes")
         model, parameters = _parameters(rig, k)
         width, height = rig.size[k]
         cameras.append(f"{k + 1} {model} {width} {height} {_words(parameters)}\n")

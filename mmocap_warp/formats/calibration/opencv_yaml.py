@@ -59,7 +59,7 @@ class _Text(yaml.BaseLoader):
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):  # a few of them, in each other, are worth gigabytes
-            raise yaml.YAMLError("it refers to another of its values, which a calibration does not")
+            raise yaml.YAMLError("it contains an alias (*name), which a calibration must not have")
         return super().compose_node(parent, index)
 
 
@@ -144,7 +144,9 @@ def write_opencv_yaml(path: str | Path, rig: CameraRig) -> None:
     inside, outside = [_HEADER, names], [_HEADER, names]
     for k, name in enumerate(rig.names):
         if re.fullmatch(r"[\w-]+", name, re.ASCII) is None:
-            raise InputError(path, f"cannot have a camera '{name}'", "name it with letters, digits, _ and -")
+            raise InputError(
+                path, f"OpenCV's YAML allows no camera name '{name}'", "name it with letters, digits, _ and -"
+            )
         inside += [_matrix_text(f"K_{name}", rig.K[k]), _matrix_text(f"dist_{name}", rig.distortion[k : k + 1])]
         inside += [f"W_{name}: {rig.size[k, 0]}\n", f"H_{name}: {rig.size[k, 1]}\n"]
         outside += [_matrix_text(f"R_{name}", cv2.Rodrigues(rig.R[k])[0]), _matrix_text(f"Rot_{name}", rig.R[k])]

@@ -43,7 +43,7 @@ def part_mesh(path: Path, source: object) -> tuple[np.ndarray, np.ndarray]:
     except _ERRORS as error:
         raise InputError(path, f"cannot be read ({type(error).__name__}: {error})", _REMEDY) from None
     if not sound:
-        raise InputError(path, "holds no sound triangles", _REMEDY)
+        raise InputError(path, "holds no triangles, or some whose corners do not exist", _REMEDY)
     return vertex, face
 
 

@@ -59,7 +59,9 @@ def _parse_xml(path: Path) -> Element:
     try:
         root: Element = fromstring(data)
     except DefusedXmlException:
-        raise InputError(path, "defines entities or refers to other files, which is not read", "write it out") from None
+        raise InputError(
+            path, "defines XML entities or includes other files", "write their content into this file"
+        ) from None
     except (ParseError, ValueError, LookupError) as error:
         raise InputError(path, f"is not XML ({error})", _REMEDY) from None
     if root.tag != "robot":

@@ -53,10 +53,10 @@ def read_clip(path: str | Path, skeleton: str | Path | None = None, markers: str
         clip = read_amc(path, skeleton)
         return clip if markers is None else with_markers(clip, markers)
     if markers is not None or skeleton is not None:
-        raise InputError(path, "takes no skeleton and no markers", "give an .amc, or leave them out")
+        raise InputError(path, "takes neither --skeleton nor --markers", "leave them out, or give an .amc file")
     if suffix == ".bvh":
         return read_bvh(path)
-    raise InputError(path, f"{suffix or 'no suffix'!r} is no format of clips", "give a .bvh or .amc file")
+    raise InputError(path, f"has the ending {suffix!r}, which no clip has", "give a .bvh or .amc file")
 
 
 @dataclass(frozen=True)

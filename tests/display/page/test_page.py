@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from shown import Recording, made_result
 from synthetic import ring_rig
 
+from mmocap_warp.display.chart import COLOURS, picture
+from mmocap_warp.display.overlay import LEFT_COLOUR, MASK_COLOUR, MODEL_COLOUR, RIGHT_COLOUR
 from mmocap_warp.display.page import page_content
 from mmocap_warp.display.page.page_content import Pictures, pose_step
 from mmocap_warp.display.page.viewer import view
@@ -94,6 +96,45 @@ def test_errors_are_those_of_each_track():
     assert (unpacked(error["values"]["raw"], 6) > 10).all()
 
 
+def test_a_page_has_what_is_true_and_how_sure_it_is():
+    """Of joints that the truth lacks, a bone goes to the next above; what is not known at a frame is marked so."""
+    result = made_result()
+    skeleton = result.subject.body.skeleton
+    names = ("LWrist", "LShoulder", "elsewhere")
+    places = result.joints()[1][:, [skeleton.joints.index(name) for name in names[:2]] + [0]]
+    places[2, 0] = np.nan
+    known = result.frame_numbers[1:]
+    truth = Truth(result.fps, known, (), np.zeros((5, 0, 3)), names, places[1:])
+    content = content_of(view(result, truth=truth))
+    assert content["truth"]["names"] == list(names)
+    assert content["truth"]["bones"] == [[0, 1]]
+    points = content["truth"]["points"]
+    values = unpacked(points["values"], 6, 3, 3)
+    assert (values[0] == 65535).all()
+    assert (values[2, 0] == 65535).all()
+    shown = points["low"] + points["step"] * values
+    np.testing.assert_allclose(shown[3:], places[3:], atol=5e-5)
+    assert set(unpacked(content["runs"][0]["sigma"], -1).tolist()) == {100}  # tenths of a millimetre
+    assert content_of(view(replace(result, joint_sigma=None)))["runs"][0]["sigma"] is None
+
+
+def test_one_colour_means_one_thing_in_videos_pages_and_plots(tmp_path):
+    page = view(made_result(frames=2)).html
+    for name, colour in {
+        "left": LEFT_COLOUR,
+        "right": RIGHT_COLOUR,
+        "mask": MASK_COLOUR,
+        "model": MODEL_COLOUR,
+    }.items():
+        light, dark = COLOURS[name]
+        assert "#{:02x}{:02x}{:02x}".format(*colour[::-1]) == dark
+        assert f"--{name}:{light};" in page
+        assert content_of(view(made_result(frames=2)))["colours"][name] == [light, dark]
+        plot = picture((10, 10), "", [])
+        assert f"--{name}:{light};" in plot
+        assert f"--{name}:{dark};" in plot
+
+
 def test_masks_and_images_are_small_pictures():
     result = made_result(frames=4)
     done = []
@@ -104,7 +145,7 @@ def test_masks_and_images_are_small_pictures():
     assert [mask.shape for mask in masks] == [(180, 240)] * 4
     np.testing.assert_array_equal(masks[0], np.where(np.arange(240) < 120, 255, 0)[None].repeat(180, axis=0))
     (*_, image) = [cv2.imdecode(np.frombuffer(base64.b64decode(jpeg), np.uint8), -1) for jpeg in first["images"]]
-    assert image.shape == (180, 240, 3)
+    assert image.shape == (240, 320, 3)
     np.testing.assert_allclose(image.reshape(-1, 3).mean(axis=0), (10, 200, 40), atol=3)
     assert second["images"] == [None] * 4
 

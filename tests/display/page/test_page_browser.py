@@ -9,7 +9,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from browser import Browser, find_browser
+from browser import AXE, Browser, Firefox, find_browser, find_firefox, violations
 from shown import Recording, made_result
 from synthetic import ring_rig
 
@@ -41,14 +41,27 @@ def page(result, tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def browser(page, tmp_path):
-    with Browser(PROGRAM, tmp_path, NO_GPU) as browser:
-        resize(browser, 1280, 800)
-        browser.open(page)
-        browser.run(DRAWN)
+@pytest.fixture(scope="module")
+def started(tmp_path_factory):
+    """A browser that all tests share; each opens the page anew."""
+    with Browser(PROGRAM, tmp_path_factory.mktemp("profile"), NO_GPU) as browser:
         yield browser
-        assert browser.told("Runtime.exceptionThrown") == []
+
+
+@pytest.fixture
+def browser(started, page):
+    resize(started, 1280, 800)
+    emulate(started)
+    started.open(page)
+    started.run(DRAWN)
+    yield started
+    assert started.told("Runtime.exceptionThrown") == []
+
+
+def emulate(browser, **features):
+    """Let the browser's user prefer something, such as ``prefers_color_scheme="dark"``."""
+    named = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+    browser.ask("Emulation.setEmulatedMedia", media="", features=named)
 
 
 def resize(browser, width, height):
@@ -168,7 +181,7 @@ def test_keys_play_step_and_choose(browser):
 
 def test_every_control_is_reached_by_tab_and_its_focus_is_seen(browser):
     reached = []
-    for _ in range(12):
+    for _ in range(20):
         for kind in ("rawKeyDown", "keyUp"):
             browser.ask("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab", windowsVirtualKeyCode=9)
         name, outline = browser.run(
@@ -178,7 +191,8 @@ def test_every_control_is_reached_by_tab_and_its_focus_is_seen(browser):
         if name != "body":
             assert outline == "solid", name
         reached.append(name)
-    assert {"world", "play", "slider", "speed", "run", "raw", "button", "summary"} <= set(reached)
+    layers = {"mask", "mesh", "skeleton", "deviations", "truth", "names", "raw"}
+    assert {"world", "play", "slider", "speed", "run", "all", "reset", "button", "summary"} | layers <= set(reached)
 
 
 def test_curves_seek_and_follow_the_run_and_the_track(browser):
@@ -186,7 +200,7 @@ def test_curves_seek_and_follow_the_run_and_the_track(browser):
     browser.run("seek(0)")
     browser.run(DRAWN)
     error, overlap, sigma = browser.run(names)
-    assert error == "Joint error, mean17.3 mm"
+    assert error == "Joint error, mean (dashed: raw)17.3 mm"
     assert overlap.startswith("IoU, mean over views0.8")
     assert sigma == "Uncertainty of a joint, mean17.3 mm"
     click(browser, ".curves svg", across=3 / 7)
@@ -208,6 +222,133 @@ def test_a_camera_is_chosen_by_its_picture(browser):
     assert (right[..., 1] > right[..., 0] + 40).mean() > 0.5
     click(browser, "#free")
     assert browser.run("state.through") is None
+
+
+def test_all_cameras_are_seen_side_by_side_with_the_body_over_them(browser, result):
+    """In small pictures at the side always, and large where one asks for it."""
+    press(browser, "a")
+    browser.run("drawPictures = () => 0; seek(3)")
+    shown = world(browser).astype(int)
+    assert browser.run(
+        "[...part.labels.querySelectorAll('.corner')].map((label) => label.textContent.slice(0, 7))"
+    ) == [f"{k + 1} {name}" for k, name in enumerate(result.cameras.names)]
+    views = browser.run("views.map(({ left, top, pinhole: { size } }) => [left, top, ...size])")
+    assert len(views) == 3
+    for left, top, width, height in views:
+        cell = shown[top : top + height, left : left + width]
+        assert (cell[..., 2] - cell[..., 0] > 40).mean() > 0.01  # the body is blue
+    tiles = browser.run(
+        """tiles.map(({ bones, button }) => {
+            const drawn = bones.getContext("2d").getImageData(0, 0, bones.width, bones.height).data;
+            const { top, bottom } = button.getBoundingClientRect();
+            return [drawn.some((value) => value > 0), top >= 0 && bottom <= innerHeight];
+        })"""
+    )
+    assert tiles == [[True, True]] * 3
+    browser.ask("Input.dispatchMouseEvent", type="mouseMoved", x=400, y=300)
+    click(browser, "#world", across=0.25)
+    assert browser.run("state.through") == 0
+    press(browser, "0")
+    assert browser.run("state.through") is None
+
+
+def test_a_key_shows_and_hides_each_layer(browser):
+    press(browser, "1")
+    for key, name in {"m": "mask", "b": "mesh", "s": "skeleton", "d": "deviations", "t": "truth", "n": "names"}.items():
+        before, was = world(browser), browser.run(f"part.{name}.checked")
+        press(browser, key)
+        assert browser.run(f"part.{name}.checked") != was
+        assert (world(browser) != before).any(), name
+        press(browser, key)
+        np.testing.assert_array_equal(world(browser), before)
+
+
+def test_the_joint_below_the_pointer_is_named(browser, result):
+    wrist = result.subject.body.skeleton.joints.index("LWrist")
+    at = browser.run(
+        f"""(() => {{
+            const box = part.world.getBoundingClientRect(), [x, y] = views[0].pinhole.pixel(placeOf(joints, {wrist}));
+            return [x + box.left + 2, y + box.top];
+        }})()"""
+    )
+    named = "[...part.labels.querySelectorAll('.joint')].filter((label) => !label.hidden).map((at) => at.textContent)"
+    assert browser.run(named) == []
+    browser.ask("Input.dispatchMouseEvent", type="mouseMoved", x=at[0], y=at[1])
+    browser.run(DRAWN)
+    assert browser.run(named) == ["LWrist"]
+
+
+def test_an_address_names_a_frame(browser, result):
+    browser.run("location.hash = '#frame=39'")
+    assert frame(browser).startswith("Frame 39")
+    press(browser, "ArrowRight")
+    browser.run("new Promise((done) => setTimeout(done, 400))")
+    assert browser.run("location.hash") == "#frame=42"
+    browser.run("location.hash = '#frame=1000'")
+    assert frame(browser).startswith("Frame 51")
+    browser.run("location.hash = '#elsewhere'")
+    assert frame(browser).startswith("Frame 51")
+
+
+def test_speed_and_view_have_keys(browser):
+    press(browser, ",")
+    press(browser, ",")
+    assert browser.run("part.speed.value") == "0.25"
+    for _ in range(9):
+        press(browser, ".")
+    assert browser.run("part.speed.value") == "2"
+    before = browser.run("[orbit.heading, orbit.distance]")
+    press(browser, "ArrowLeft", shift=True)
+    press(browser, "+")
+    press(browser, "v")
+    assert browser.run("[orbit.heading, orbit.distance]") == before
+
+
+def test_who_wants_little_motion_sees_a_clip_once(browser):
+    emulate(browser, prefers_reduced_motion="reduce")
+    browser.run("seek(last - 1); play(true)")
+    browser.run("new Promise((done) => setTimeout(done, 700))")
+    assert browser.run("[state.playing, state.position]") == [False, FRAMES - 1]
+
+
+def test_labels_of_curves_lie_beside_them(browser):
+    apart = """[...document.querySelectorAll(".curves .plot")].every((plot) => {
+        const curve = plot.querySelector("svg").getBoundingClientRect();
+        return [...plot.querySelectorAll("span")].every((label) => label.getBoundingClientRect().right <= curve.left);
+    })"""
+    assert browser.run(apart)
+
+
+@pytest.mark.skipif(AXE is None, reason="axe-core is not installed")
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_axe_finds_nothing(browser, width, scheme):
+    resize(browser, width, 800)
+    emulate(browser, prefers_color_scheme=scheme)
+    browser.run("document.querySelector('details').open = true")
+    for shown in ("null", "0", "ALL"):
+        browser.run(f"lookThrough({shown})")
+        browser.run(DRAWN)
+        assert violations(browser) == []
+
+
+@pytest.mark.skipif(find_firefox() is None, reason="Firefox is not installed")
+def test_firefox_shows_it_too(page, tmp_path):
+    with Firefox(find_firefox(), tmp_path) as firefox:
+        firefox.ask("WebDriver:SetWindowRect", width=1280, height=900)
+        firefox.ask("WebDriver:Navigate", url=f"{page.resolve().as_uri()}#frame=39")
+        firefox.run(DRAWN)
+        assert firefox.run("document.getElementById('trouble').hidden") == firefox.draws
+        assert firefox.run("document.getElementById('where').textContent").startswith("Frame 39")
+        firefox.press("\ue014a")  # the right arrow, then all cameras
+        firefox.run(DRAWN)
+        assert firefox.run("document.getElementById('where').textContent").startswith("Frame 42")
+        assert firefox.run("document.getElementById('all').ariaPressed") == "true"
+        if firefox.draws:
+            picture = cv2.imdecode(np.frombuffer(firefox.picture(), np.uint8), cv2.IMREAD_COLOR).astype(int)
+            stage = picture[50:500, 20:900]
+            assert (stage[..., 0] - stage[..., 2] > 40).mean() > 0.01  # bodies are blue
+        assert AXE is None or violations(firefox) == []
 
 
 def test_a_picture_of_another_frame_says_so(browser):
@@ -241,7 +382,7 @@ def test_nothing_is_wider_than_the_screen(browser, width):
 
 def test_dark_has_its_colours(browser):
     light = world(browser)[5, -5]
-    browser.ask("Emulation.setEmulatedMedia", media="", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+    emulate(browser, prefers_color_scheme="dark")
     dark = world(browser)[5, -5]
     assert light.tolist() == [241, 243, 245]
     assert dark.tolist() == [29, 33, 39]

@@ -200,7 +200,7 @@ def test_missing_files_are_named(tmp_path, asf):
         read_clip(asf, tmp_path / "other.asf")
     with pytest.raises(InputError, match="no skeleton"):
         read_clip(tmp_path / "walk.bvh", asf)
-    with pytest.raises(InputError, match=r"'\.fbx' is no format"):
+    with pytest.raises(InputError, match=r"has the ending '\.fbx'"):
         read_clip(tmp_path / "walk.fbx")
 
 

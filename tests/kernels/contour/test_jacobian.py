@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from contours import MATCHING, Contours, image_of
-from other_bodies import arm_robot, burdened, quadruped
+from other_bodies import arm_robot, burdened, lift, quadruped
 from synthetic import ring_rig, synthetic_body
 
 from mmocap_warp.body.model import BodyModel
@@ -17,7 +17,7 @@ from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.kernels.contour.jacobian import LENS, OWN
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 
-BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot(), "burdened": burdened()}
+BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot(), "burdened": burdened(), "lift": lift()}
 STEP = 1e-5
 NEAR = 1e-3  # of the largest in a column: float32 of points some hundred pixels apart
 

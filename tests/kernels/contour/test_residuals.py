@@ -227,6 +227,36 @@ def test_outline_at_an_images_border_says_nothing(device):
     assert np.abs(planted.residual()[~outside]).max() < 1.0
 
 
+@pytest.mark.parametrize("side", range(4))
+@pytest.mark.parametrize(("away", "counts"), [(0.9, False), (1.1, True)])
+def test_the_outermost_pixel_on_each_side_says_nothing(device, side, away, counts):
+    """Outline up to the centres of the second pixels from an image's edge is a rim, in which a mask may be cut."""
+    last = np.array(SIZE, float) - 1
+    low, high = np.array([40.0, 40.0]), last - 40.0
+    axis = side % 2
+    end = away if side < 2 else last[axis] - away
+    (low if side < 2 else high)[axis] = end
+    polygon = rectangle(*low, *high)
+    mask = block(*(low + 0.5).astype(int), *(high + 0.5).astype(int))
+    middle = (polygon + np.roll(polygon, -1, axis=0)) / 2
+    there = np.abs(middle[:, axis] - end) < 1e-6
+    assert there.sum() == 9
+    planted = Planted([polygon], [mask], device)
+    assert ((planted.tally()[there, 1] > 0) == counts).all()
+    assert (planted.tally()[~there, 1] > 0).all()
+
+
+@pytest.mark.parametrize(("right", "residual"), [(97.2, 7.3), (96.8, -7.3)])
+def test_of_two_ends_between_the_same_pixels_the_nearer_one_counts(device, right, residual):
+    """An outline in a stripe, with another one inward of it: 7.3 px away in one way, and 7.7 in the other."""
+    mask = block(40, 60, 90, 160) | block(95, 60, 105, 160)
+    polygon = rectangle(50.0, 79.5, right, 139.5)
+    middle = (polygon + np.roll(polygon, -1, axis=0)) / 2
+    planted = Planted([polygon], [mask], device, huber=1.0)
+    there = np.abs(middle[:, 0] - right) < 1e-6
+    np.testing.assert_allclose(planted.residual()[there], residual, atol=0.1)
+
+
 def test_a_mask_cut_by_the_border_does_not_end_there(device):
     """What is seen of a body goes on beyond the image."""
     cut = rectangle(2.0, 60.0, 60.0, 140.0)

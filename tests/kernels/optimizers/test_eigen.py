@@ -1,11 +1,14 @@
 """Jacobi rotations against LAPACK."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import warp as wp
 from poisoned import poisoned
 
 from mmocap_warp.kernels.block import WORDS, shared_words, sync
+from mmocap_warp.kernels.optimizers import eigen
 from mmocap_warp.kernels.optimizers.eigen import (
     MOST_LANES,
     Spectrum,
@@ -116,3 +119,32 @@ def test_the_number_of_lanes_does_not_change_a_bit(device):
     matrix = np.cov(np.random.default_rng(0).normal(0, 1, (9, 40)))[None]
     for few, many in zip(decompose(matrix, device, True, 32), decompose(matrix, device, True, 256), strict=True):
         np.testing.assert_array_equal(few, many)
+
+
+@pytest.mark.parametrize("is_cpu", [True, False])
+@pytest.mark.parametrize("dofs", [2, 3, 8, 9, 28, 39])
+def test_each_element_has_a_place_of_its_own_in_every_round(monkeypatch, dofs, is_cpu):
+    """Also of a GPU's matrix, whose elements lie without a gap."""
+    monkeypatch.setattr(eigen.wp, "get_device", lambda device: SimpleNamespace(is_cpu=is_cpu))
+    monkeypatch.setattr(eigen, "allocated", lambda kind, device, **tables: tables)
+    tables = make_tournament(dofs, "any")
+    n = even(dofs)
+    start = tables["start"]
+    np.testing.assert_array_equal(start, start.T)
+    own = start[np.triu_indices(n)]
+    assert len(np.unique(own)) == len(own) == n * (n + 1) // 2
+    assert own.min() == 0
+    if not is_cpu:
+        assert own.max() == len(own) - 1
+    # Once all rounds of a sweep are played, each element is back where it was.
+    moved, at = tables["moved"], own
+    for _ in range(n - 1):
+        before = np.zeros(len(moved), int)
+        before[moved[np.unique(start)]] = np.unique(start)  # where an element goes that lay there
+        at = before[at]
+    np.testing.assert_array_equal(at, own)
+
+
+@pytest.mark.parametrize(("dofs", "lanes"), [(6, 128), (28, 256), (39, 512), (90, MOST_LANES)])
+def test_a_gpu_has_lanes_for_all_that_is_done_at_a_time(dofs, lanes):
+    assert lanes_worth(dofs) == lanes

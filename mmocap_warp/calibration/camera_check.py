@@ -169,9 +169,11 @@ def check(
     findings = changing_lags(adjustment, change, person)
     if findings:
         return CameraCheck(rig.names, covered, None, findings, footage.scale)
+    # Outlines are compared as pinholes see them, so that distortions are solved for in a step of their own.
     sigma = adjustment.sigma.copy()
-    sigma[:, RADIAL] = _MAX_RADIAL
     solution = adjustment.solve(change, person, sigma)
+    sigma[:, RADIAL] = _MAX_RADIAL
+    solution = adjustment.solve(change, person, sigma, beside=solution)
     report("cameras", 0.9)
     findings = tuple(with_words(finding, adjustment) for finding in small_errors(rig, solution))
     overlap, pictures = _compare_views(rig, person, solution, findings)

@@ -63,6 +63,13 @@ class BodyProblem:
         covariance = np.linalg.inv(information)[self.still :, self.still :]
         return BodySolution(state.beta, covariance, state.rooted, equations.contour.cost)
 
+    def stepped(self, frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray) -> BodySolution:
+        """The parameters after a single step that nothing limits, for some that move no outline; poses stay."""
+        equations = _Descent(self, frames).linearised(_State(rooted, beta))
+        reduced = equations.without_poses(equations.contour.with_prior(self.rooting.anywhere**-2.0))
+        covariance = np.linalg.inv(reduced.matrix)
+        return BodySolution(beta + covariance @ reduced.gradient, covariance, rooted, equations.contour.cost)
+
 
 def body_problem(
     fitter: ContourFitter,

@@ -120,11 +120,11 @@ def test_masks_may_be_smaller_and_not_larger(scale: float | None, valid: bool) -
 def test_parameters_of_a_camera_belong_together_by_kind_and_never_to_another_camera() -> None:
     group = groups_of(3)
     assert group.shape == (3, len(KINDS))
-    assert len(np.unique(group)) == 3 * 5
+    assert len(np.unique(group)) == 3 * 6
     for camera in group:
         for kinds in (ROTATION, POSITION, slice(7, 9)):
             assert len(np.unique(camera[kinds])) == 1
-        assert len(np.unique(camera[LENS])) == 2
+        assert len(np.unique(camera[LENS])) == 3
     assert not np.isin(group[0], group[1:]).any()
 
 

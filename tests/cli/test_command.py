@@ -6,12 +6,15 @@ import inspect
 import json
 from inspect import Parameter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mmocap_warp.cli.command import BY_FLAG, Answer, Given, command
 from mmocap_warp.cli.console import CHECK_FAILED, Console
+from mmocap_warp.cli.scene_commands import _scale_options
 from mmocap_warp.commands import new_scenes
 
 
@@ -66,3 +69,19 @@ def test_the_help_is_the_docstring_with_capitals():
 def test_a_function_that_is_not_there_is_an_error():
     with pytest.raises(ValueError, match="unpack"):
         command("new_scenes:nothing")
+
+
+@pytest.mark.parametrize(
+    ("longest", "track", "options"),
+    [
+        (640, {}, ()),
+        (720, {}, ()),
+        (1280, {}, ("--scale", "0.5")),
+        (1920, {}, ("--scale", "0.25")),
+        (3840, {}, ("--scale", "0.125")),
+        (1920, {"scale": 0.5}, ()),
+    ],
+)
+def test_the_next_command_scales_large_images(longest, track, options):
+    scene = SimpleNamespace(calibrated=SimpleNamespace(size=np.array([[480, 640], [400, longest]])), track=track)
+    assert _scale_options(scene) == options

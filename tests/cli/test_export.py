@@ -110,8 +110,8 @@ def test_a_rig_has_its_own_names_and_the_same_motion(file, smoothed, capsys):
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["-o", "a.bvh", "--up", "z"], "--up z: BVH (.bvh) is always y up"),
-        (["-o", "a.bvh", "--bake"], "--bake writes USD point cache (.usda, .usdc, .usdz), not .bvh"),
+        (["-o", "a.bvh", "--up", "z"], "--up z cannot be: BVH (.bvh) is always y up"),
+        (["-o", "a.bvh", "--bake"], "--bake cannot write .bvh; end the output in USD point cache (.usda, .usdc"),
         (["-o", "a.bvh", "--run", "2"], '--run = 2 is neither "all" nor a run of this result, 0 to 1'),
         (["-o", "a.bvh", "--fps", "0"], "--fps must be positive, got 0"),
         (["-o", "a.bvh", "--fps", "1", "--frames", "11:12"], "has no frame in the 0 s of the result"),

@@ -306,7 +306,7 @@ def test_commands_take_some_frames(scene, result, tmp_path, capsys):
         (["fit", "SCENE", "-o", "r.usdc", "--frames", "9"], console.USAGE, "--frames = 9 is not in 1 to 8"),
         (["eval", "RESULT", "--frames", "9:12"], console.USAGE, "holds none of the result's frames, 0 to 7"),
         (["show", "RESULT", "--frames", "2:1"], console.USAGE, "--frames = 2:1 holds no frame"),
-        (["show", "SUBJECT", "--frames", "2"], console.USAGE, "--frames needs a result"),
+        (["show", "SUBJECT", "--frames", "2"], console.USAGE, "--strip need a result"),
     ],
 )
 def test_frames_that_cannot_be(scene, result, tmp_path, capsys, monkeypatch, arguments, code, words):

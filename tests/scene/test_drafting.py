@@ -234,7 +234,7 @@ def test_other_files_are_no_calibration(videos: Path) -> None:
 def test_one_video_alone_is_no_recording(videos: Path) -> None:
     for name in RIG.names[1:]:
         (videos / f"{name}.mkv").unlink()
-    with pytest.raises(InputError, match="none are known"):
+    with pytest.raises(InputError, match="no camera is known"):
         draft_scene(videos)
 
 

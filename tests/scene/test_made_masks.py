@@ -188,7 +188,7 @@ def test_cameras_that_moved_are_used_as_they_now_stand(tmp_path: Path) -> None:
 def test_swapped_folders_are_noticed(tmp_path: Path) -> None:
     write_masks(load_scene(write_scene(tmp_path)), tmp_path / "made")
     edit(tmp_path / "made" / "scene.toml", 'masks = "cam02"', 'masks = "cam03"')
-    with pytest.raises(InputError, match=r"are of 'cam03', not of 'cam02'; swap"):
+    with pytest.raises(InputError, match=r"are of 'cam03', not of 'cam02'; correct masks"):
         load_scene(tmp_path / "made")
 
 

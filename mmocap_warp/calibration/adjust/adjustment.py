@@ -198,19 +198,29 @@ class Adjustment:
         sigma[:, POSITION], sigma[:, FOCAL] = 0.0, 0.0
         return sigma
 
-    def solve(self, change: np.ndarray, person: Person, sigma: np.ndarray, *, again: bool = False) -> CameraSolution:
+    def solve(
+        self,
+        change: np.ndarray,
+        person: Person,
+        sigma: np.ndarray,
+        *,
+        again: bool = False,
+        beside: CameraSolution | None = None,
+    ) -> CameraSolution:
         """Cameras about their calibration by ``sigma`` (camera, parameter), from frames over the clip.
 
-        ``again`` takes fewer steps: for cameras that were solved for before, with which the person was tracked.
+        ``again`` takes fewer steps: for cameras that were solved for before, with which the person was tracked. Where
+        they were solved ``beside`` a distortion that was held, a single step from there says what that would be.
         """
         frames, motion = person.spread(self.config.frames), person.motion
         lag = self.footage.rest(change[:, OFFSET]) - change[:, OFFSET]  # the lag with which masks were read
         problem = CameraProblem(self.given, lag, self.space, motion.rooting, PRIOR, sigma, tuple(self._known))
-        return problem.solved(
-            [person.observations[frame] for frame in frames], motion.rooted[frames], motion.velocity(frames),
-            self.space.nearest(person.subject.body), change, _FROM_NEAR if again else FROM_FAR,
-            self.device, self.threads,
-        )  # fmt: skip
+        seen, velocity = [person.observations[frame] for frame in frames], motion.velocity(frames)
+        if beside is not None:
+            start, margins = (beside.rooted, velocity, beside.beta, beside.change), beside.larger
+            return problem.solved(seen, *start, ((_NEAR, 0),), self.device, self.threads, margins)
+        start = motion.rooted[frames], velocity, self.space.nearest(person.subject.body), change
+        return problem.solved(seen, *start, _FROM_NEAR if again else FROM_FAR, self.device, self.threads)
 
     def stillest_camera(self, change: np.ndarray) -> int:
         """The camera beside which the others move least; many that move a little count more than one that moves far."""

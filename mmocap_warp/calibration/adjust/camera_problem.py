@@ -7,7 +7,7 @@ All frames share the parameters of the body, of the cameras and of their times; 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -16,10 +16,8 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.camera_changes import (
     KINDS,
-    LENS,
     OFFSET,
     POSITION,
-    RADIAL,
     camera_jacobian,
     changed,
 )
@@ -56,6 +54,7 @@ class CameraSolution:
         covariance: (free parameter, free parameter) of the cameras, as large as a single frame would leave it, because
             body and masks are wrong in all frames alike.
         cost: mean cost of the contours in a frame.
+        larger: (camera,) margins of the masks [px].
     """
 
     change: np.ndarray
@@ -64,6 +63,7 @@ class CameraSolution:
     free: np.ndarray
     covariance: np.ndarray
     cost: float
+    larger: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +112,7 @@ class CameraProblem:
         stages: Sequence[tuple[MatchingConfig, int]],
         device: str,
         threads: int,
+        larger: np.ndarray | None = None,
     ) -> CameraSolution:
         """The solution for some frames.
 
@@ -121,29 +122,35 @@ class CameraProblem:
             velocity: (frame, dof) of the searched coordinates in the frames [m/s, rad/s].
             beta: (parameter,) of the body to start from.
             change: (camera, parameter) of the cameras to start from.
-            stages: how contours are matched, and the steps of each stage.
+            stages: how contours are matched, and the steps of each stage; 0 for a single step that nothing limits.
             device: the Warp device.
             threads: CPU threads.
+            larger: (camera,) margins of the masks to start from [px].
         """
         # The parameters are the body's, then each camera's free ones and its margin.
         own = self._own
         sigma = np.concatenate([self.share * self.space.sigma, own[own > 0]])
-        parameters = np.concatenate([beta, np.pad(change, _MARGIN)[own > 0]])
+        start = np.column_stack([change, np.zeros(len(change)) if larger is None else larger])
+        parameters = np.concatenate([beta, start[own > 0]])
         # One stage after the other, because a fitter holds the masks' distances.
         for matching, steps in stages:
             fitter = camera_fitter(self.space, self.rig, observations, matching, device, threads)
             problem = BodyProblem(partial(self._linearise, fitter, velocity), self.rooting, np.zeros(len(sigma)), sigma)
-            solution = problem.solved(np.arange(len(rooted)), rooted, parameters, steps)
+            frames = np.arange(len(rooted))
+            once = partial(problem.stepped, frames, rooted, parameters)
+            solution = problem.solved(frames, rooted, parameters, steps) if steps else once()
             rooted, parameters = solution.rooted, solution.beta
         # The covariance of the cameras' parameters, without body and margins.
         of_cameras = len(beta) + np.flatnonzero(np.nonzero(own > 0)[1] < len(KINDS))
+        change, larger = self._unpack(parameters)
         return CameraSolution(
-            change=self._unpack(parameters)[0],
+            change=change,
             beta=parameters[: len(beta)],
             rooted=rooted,
             free=self.sigma > 0,
             covariance=len(observations) * solution.covariance[np.ix_(of_cameras, of_cameras)],
             cost=float(solution.cost.mean()),
+            larger=larger,
         )
 
     def _unpack(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -186,10 +193,6 @@ class CameraProblem:
         by_camera = np.zeros((*views.matrix.shape[:3], len(KINDS) + 1))
         by_camera[:, :, :dof, :-1], by_camera[:, :, shared:-1, :-1] = motion[:, :, :dof], motion[:, :, dof:]
         by_camera[:, :, -1, -1] = 1.0
-        # The cameras are pinholes: their distortions act on the residuals as far as these are linear.
-        radial, at = change[:, RADIAL], shared + RADIAL - LENS.start
-        cost = views.cost - radial * (views.gradient[:, :, at] - 0.5 * radial * views.matrix[:, :, at, at])
-        views = replace(views, cost=cost, gradient=views.gradient - radial[:, None] * views.matrix[:, :, at])
         # All views together, and the lengths that are known: each counts once for all frames, in the first.
         free = self._own > 0
         equations = _join_views(views, by_camera, shared, free)

@@ -115,7 +115,7 @@ def test_rows_of_edges_that_do_not_count_are_left_alone(device):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_lens_of_each_camera(device, name):
-    """The logarithm of both focal lengths, the principal point, and larger masks; other columns keep their bits."""
+    """Both focal lengths, the principal point, distortion, and larger masks; other columns keep their bits."""
     body = BODIES[name]
     case, without = case_of(body, device, own=OWN), case_of(body, device)
     searched = len(case.index)
@@ -129,12 +129,18 @@ def test_the_lens_of_each_camera(device, name):
         for column in range(LENS):
             sides = []
             for step in (h, -h):
-                K = case.rig.K.copy()
+                K, radial = case.rig.K.copy(), 0.0
                 if column == 0:
                     K[k, [0, 1], [0, 1]] *= np.exp(step)
-                else:
+                elif column < 3:
                     K[k, column - 1, 2] += step
-                sides.append((image_of(replace(case.rig, K=K), k, middle) * normal).sum(axis=1))
+                else:
+                    radial = step
+                image = image_of(replace(case.rig, K=K), k, middle)
+                centre, focal = K[k, :2, 2], np.diagonal(K[k])[:2]
+                square = (((image - centre) / focal) ** 2).sum(axis=1, keepdims=True)
+                image = image + radial * square * (image - centre)
+                sides.append((image * normal).sum(axis=1))
             expected = (sides[0] - sides[1]) / (2 * h)
             scale = max(np.abs(expected).max(), 1.0)
             np.testing.assert_allclose(rows[:, searched + column], expected, atol=NEAR * scale)

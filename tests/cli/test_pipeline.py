@@ -176,7 +176,7 @@ sys.exit(cli.main(sys.argv[1:]))
 """Runs the command line with a checkpoint after every frame, and stops at the first until it is told to go on."""
 
 
-LONG = ("--quiet", "--evaluations", "600")
+LONG = ("--quiet", "--evaluations", "120")
 STOPS = {
     signal.SIGKILL: (-signal.SIGKILL, ""),
     signal.SIGINT: (console.INTERRUPTED, "mmocap: interrupted\n"),

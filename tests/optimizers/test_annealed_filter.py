@@ -151,7 +151,7 @@ def test_a_whole_search_is_the_twins(device, dofs, function):
 
 
 @pytest.mark.parametrize(("algorithm", "partitions"), [("apf", [39]), ("psapf", [6, 9, 6, 6, 6, 6])])
-def test_twenty_frames_are_the_twins(device, monkeypatch, algorithm, partitions):
+def test_ten_frames_are_the_twins(device, monkeypatch, algorithm, partitions):
     """The hand-over from frame to frame included, in which the root's angles come to be counted from elsewhere.
 
     With 7 and 43 particles, as half of an even number may share the best cost: then many exponents solve Eq. 8.
@@ -183,7 +183,7 @@ def test_twenty_frames_are_the_twins(device, monkeypatch, algorithm, partitions)
     monkeypatch.setattr(optimizer, "start", started)
     monkeypatch.setattr(optimizer, "tell", told)
     _truth, seen = motion(device)
-    for frame in range(20):
+    for frame in range(10):
         answer = tracker.step(seen[frame % 6])
         means = optimizer.state.mean.numpy()
         for run, twin in enumerate(twins):
@@ -191,7 +191,7 @@ def test_twenty_frames_are_the_twins(device, monkeypatch, algorithm, partitions)
         there = np.clip(means, search._limits.lower.numpy()[index], search._limits.upper.numpy()[index])
         still = ~np.isin(index, [3, 4, 5])
         np.testing.assert_array_equal(answer.pose[:, index][:, still], there[:, still])
-    assert len(layers) == 20 * 10 * len(partitions)
+    assert len(layers) == 10 * 10 * len(partitions)
 
 
 def weighed(device, costs, dofs=3, **settings):

@@ -53,10 +53,12 @@ def init(call: Any, folder: Path) -> Answer:
 
 
 @command("mask:mask", frames=SceneFrames)
-def mask(call: Any, loaded: Scene, scale: float) -> Answer:
+def mask(call: Any, scale: float) -> Answer:
+    from mmocap_warp.scene.scene_toml import load_scene
+
     masks = call()
     report, good = masks.report, masks.remedy is None
-    options = _scale_options(loaded) if scale == 1 else ()
+    options = _scale_options(load_scene(masks.scene, masks=False)) if scale == 1 else ()
     step = _track_step(masks.scene, masks.source.parent, *options)
     views = {
         name: {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import cv2
@@ -32,6 +32,7 @@ def write_masks(
     progress: Callable[[int], None] | None = None,
     look: Callable[[list[np.ndarray]], None] | None = None,
     refine: Refine | None = None,
+    images: Iterable[list[np.ndarray | None]] | None = None,
 ) -> Path:
     """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
 
@@ -39,7 +40,8 @@ def write_masks(
     ``overlay.webm``, ``pinholes.toml`` (the cameras that the masks belong to, for other programs) and last
     ``scene.toml``: the same scene, whose masks are made, read back exactly at ``scale``. Files of the same names are
     replaced. ``refine`` makes a frame's masks better, ``look`` is called with them, per camera (height, width) bool,
-    and ``progress`` after each frame with the number of frames done.
+    and ``progress`` after each frame with the number of frames done. ``images`` are the scene's, where they lie
+    somewhere in the meantime.
 
     Returns:
         Path of the new ``scene.toml``.
@@ -57,15 +59,15 @@ def write_masks(
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, each in enumerate(folders):  # before any mask, so that none is ever without
-        _mask_mark(scene, k, scale).write(each)
+        mask_mark(scene, k, scale).write(each)
     with WebmFile(folder / "overlay.webm", scene.rate) as video:
-        frames = zip(scene.masks(scale), scene.images(scale), strict=True)
-        for f, (masks, images) in enumerate(frames):
+        frames = zip(scene.masks(scale), scene.images(scale) if images is None else images, strict=True)
+        for f, (masks, views) in enumerate(frames):
             if refine is not None:
-                masks = refine(masks, images)
+                masks = refine(masks, views)
             for each, mask in zip(folders, masks, strict=True):
                 write_png(each / f"{f:06d}.png", mask)
-            video.write(draw_masks(masks, images))
+            video.write(draw_masks(masks, views))
             if look is not None:
                 look(masks)
             if progress is not None:
@@ -74,7 +76,8 @@ def write_masks(
     return folder / "scene.toml"
 
 
-def _mask_mark(scene: Scene, k: int, scale: float) -> MaskMark:
+def mask_mark(scene: Scene, k: int, scale: float) -> MaskMark:
+    """What the masks that are written of camera ``k`` are of."""
     source, rig, repaired = scene.cameras[k], scene.calibrated, scene.foreground.repair
     placed = source.recorded_scale, source.recorded_offset
     return MaskMark(

@@ -162,7 +162,7 @@ def _read_foreground(table: Table, identity: int | None, source: str | None) -> 
         source = stated if stated in BACKGROUNDS else "recording"
     source = source or stated
     has_identities = source in ("masks", "program")
-    default = GIVEN if has_identities else replace(SUBTRACTED, source=source)
+    default = replace(GIVEN if has_identities else SUBTRACTED, source=source)
     values: dict[str, Any] = {
         "model": table.take_choice("model", MODELS, default.model),
         "keep": table.take_choice("keep", KEEP, default.keep),

@@ -17,6 +17,7 @@ from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import holds_result
+from mmocap_warp.masks.consistency import Consistency
 from mmocap_warp.masks.mask_check import MaskJudge, MaskReport
 from mmocap_warp.masks.mask_program import find_program
 from mmocap_warp.masks.subtraction import mask_around_body
@@ -38,6 +39,7 @@ class WrittenMasks:
         frames: how many frames have masks.
         report: what the masks show, and what is wrong with them.
         remedy: what to do where something is wrong; None where nothing is.
+        consistency: what was changed so that the views agree; None where nothing was to be.
     """
 
     source: Path
@@ -46,6 +48,7 @@ class WrittenMasks:
     frames: int
     report: MaskReport
     remedy: str | None
+    consistency: Consistency | None = None
 
 
 @releases_locks
@@ -58,6 +61,7 @@ def mask(
     from_body: Result | str | Path | None = None,
     identity: int | None = None,
     with_: str | None = None,
+    consistent: bool | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> WrittenMasks:
@@ -72,6 +76,8 @@ def mask(
         identity: of the person who is meant, where masks show several.
         with_: what makes the masks: 'subtraction' of a background, 'mediapipe', or a command, which is called with a
             folder of frames and one for masks (see the page on masks). [default: as the scene says]
+        consistent: fill what all other views contradict and cut what no other view supports; it takes four views.
+            [default: if a program makes the masks]
         force: write into a folder that holds files.
         reporter: who is told of notes and progress.
 
@@ -98,14 +104,22 @@ def mask(
     body = named or load_body(loaded.body or DEFAULT_BODY, loaded.path)
     judge = MaskJudge(loaded.rig(scale), loaded.frame_count, body.volume)
     total = loaded.frame_count
+    consistency = Consistency(loaded.rig(scale)) if (by_program if consistent is None else consistent) else None
     with reporter.stage("mask") as progress:
         written = write_masks(
-            loaded, folder, scale, lambda done: progress(done, total), look=judge.add, refine=refine, images=images
+            loaded,
+            folder,
+            scale,
+            lambda done: progress(done, total),
+            look=judge.add,
+            refine=refine,
+            images=images,
+            make_consistent=consistency,
         )
     shutil.rmtree(unfinished, ignore_errors=True)
     report = judge.report()
     remedy = _remedy(loaded, folder) if report.faults else None
-    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy)
+    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, consistency)
 
 
 def _loaded(

@@ -50,11 +50,12 @@ def write_masks(
         Path of the new ``scene.toml``.
 
     Raises:
-        InputError: images that turn out unreadable, or a folder that cannot be written to.
+        InputError: images that turn out unreadable, a folder that cannot be written to, or a name that is not UTF-8.
     """
     folder = Path(folder)
     rig = scene.rig(scale)
     folders = [folder / file_name(name, scene.path) for name in rig.names]
+    about = masked_scene(scene, folder, scale).encode()  # refuses names that it cannot hold, before any work
     try:
         for each in folders:
             each.mkdir(parents=True, exist_ok=True)
@@ -78,7 +79,7 @@ def write_masks(
                 look(masks)
             if progress is not None:
                 progress(f + 1)
-    write_whole(folder / "scene.toml", masked_scene(scene, folder, scale).encode())
+    write_whole(folder / "scene.toml", about)
     return folder / "scene.toml"
 
 

@@ -23,11 +23,12 @@ REMEDY = "copy it again from the data set"
 MILLIMETRE = 0.001
 _MAX_MAT = 1 << 30  # bytes of a .mat file; a session of Rat7M has some 300 MB
 _MAT_VARIABLES = ("annot3", "frames", "cameras", "params", "sync", "labelData", "camnames", "mocap")
-_FOREGROUND = """
+FROM_RECORDING = """
 # Masks are learnt from the whole recording, in which the person has to walk about; docs/masks.md has other ways.
 [foreground]
 source = "recording"
 """
+"""The text of a [foreground] table, for a copy without masks."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class CameraFiles:
     masks: Path | None = None
     background: Path | None = None
     frame_offset: int = 0
+    mask_channel: str = ""
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,7 +66,7 @@ class DatasetScene:
     cameras: tuple[CameraFiles, ...]
     truth: Truth | None = None
     notes: tuple[str, ...] = ()
-    foreground: str = _FOREGROUND
+    foreground: str = FROM_RECORDING
 
     def __repr__(self) -> str:
         known = 0
@@ -103,6 +105,7 @@ class DatasetScene:
             # The whole path, because scene and data set move apart.
             lines += ["", f"[cameras.{quoted(name)}]"]
             lines += [f"{key} = {quoted(path.resolve().as_posix())}" for key, path in paths.items() if path]
+            lines += [f"mask_channel = {quoted(files.mask_channel)}"] if files.mask_channel else []
             lines.append(f"frame_offset = {files.frame_offset}")
         return "\n".join(lines) + "\n" + self.foreground
 

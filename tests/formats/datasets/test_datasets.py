@@ -138,6 +138,140 @@ def test_faults_of_panoptic(tmp_path, file, change, message):
         mm.import_dataset("panoptic", tmp_path, [], tmp_path / "scene")
 
 
+# BioCV: z is up, millimetres, L is scaled.
+LABELS = ("LEFT_SHO", "CLAV", "RIGHT_ANKLE")
+TRACKS = np.random.default_rng(5).uniform(100, 1500, (FRAMES + 1, 3, 3))  # [mm]
+
+
+def write_biocv(root: Path) -> dict[str, np.ndarray]:
+    seen, trial = {}, root / "P03/P03_WALK_01"
+    for k in range(3):
+        R, t = looking_at_the_middle(k)
+        name, L = f"0{k}", np.eye(4)
+        L[:3] = 0.998 * np.column_stack([R, 1000 * t])
+        write_video(trial / f"{name}.mp4", fps=200.0)
+        rows = [f"{SIZE[0]}", f"{SIZE[1]}", *(" ".join(f"{v:.12g}" for v in row) for row in (*K, *L, LENS))]
+        (root / f"P03/{name}.mp4-mocAligned.calib").write_text("\n".join(rows) + "\n")
+        # mc_dev projects with K [s R | s t] and OpenCV's distortion; a scale of the whole has no effect.
+        moved = np.column_stack([1000 * POINTS, np.ones(len(POINTS))]) @ L[:3].T
+        seen[name] = cv2.projectPoints(moved, np.zeros(3), np.zeros(3), K, LENS)[0][:, 0]
+    import ezc3d
+
+    file = ezc3d.c3d()
+    about = file["parameters"]["POINT"]
+    about["UNITS"]["value"], about["RATE"]["value"], about["LABELS"]["value"] = ["mm"], [200.0], list(LABELS)
+    file["data"]["points"] = np.concatenate([TRACKS.transpose(2, 1, 0), np.ones((1, 3, FRAMES + 1))])
+    file.write(str(trial / "markers.c3d"))
+    return seen
+
+
+def test_biocv(tmp_path):
+    seen = write_biocv(tmp_path / "made")
+    made = mm.import_dataset("biocv", tmp_path / "made", ["P03_WALK_01"], tmp_path / "scene")
+    assert repr(made) == f"P03_WALK_01: {FRAMES} frames, {FRAMES} with truth, 3 cameras"
+    scene = check(tmp_path / "scene", seen, POINTS)
+    assert (scene.calibrated.up, scene.frame_count, scene.fps) == ("+z", FRAMES, 200)
+    truth = mm.load_truth(scene.truth)
+    assert (truth.joint_names, truth.marker_names) == (("LShoulder", "RAnkle"), ("CLAV",))
+    np.testing.assert_allclose(truth.joints, TRACKS[:FRAMES, ::2] / 1000, atol=METRE)
+    np.testing.assert_allclose(truth.markers, TRACKS[:FRAMES, 1:2] / 1000, atol=METRE)
+
+
+def test_faults_of_biocv(tmp_path):
+    write_biocv(tmp_path)
+    file = tmp_path / "P03/01.mp4-mocAligned.calib"
+    text = file.read_text()
+    for changed, message in (
+        (text.replace(text.splitlines()[-1], ""), r"mocAligned\.calib: holds 27 numbers, not 32"),
+        (text.replace(text.splitlines()[5].split()[0], "7", 1), r"L stretches lengths by"),
+    ):
+        file.write_text(changed)
+        with pytest.raises(mm.InputError, match=message):
+            mm.import_dataset("biocv", tmp_path, ["P03_WALK_01"], tmp_path / "scene")
+    with pytest.raises(mm.InputError, match=r"'\.\./P03' cannot be the name of a file"):
+        mm.import_dataset("biocv", tmp_path / "P03", ["../P03"], tmp_path / "scene")
+
+
+# MPI-INF-3DHP: y is up, millimetres.
+FROM_3DHP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+POSES = np.random.default_rng(6).uniform(-800, 800, (FRAMES + 1, 28, 3))  # [mm], in the world
+
+
+def write_3dhp(root: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    from scipy.io import savemat
+
+    folder = root / "S1/Seq1"
+    seen, cells, world = {}, np.empty((14, 1), object), POINTS @ FROM_3DHP
+    lines = ["Skeletool Camera Calibration File V1.0"]
+    for k in range(14):
+        R, t = looking_at_the_middle(k)
+        E = np.eye(4)
+        E[:3] = np.column_stack([R @ FROM_3DHP, 1000 * t])
+        P = np.eye(4)
+        P[:3, :3] = K
+        numbers = [" ".join(f"{value:.7g}" for value in matrix.ravel()) for matrix in (P, E)]
+        lines += [f"name          {k}", "  sensor      10 10", f"  size        {SIZE[0]} {SIZE[1]}"]
+        lines += ["  animated    0", f"  intrinsic   {numbers[0]} ", f"  extrinsic   {numbers[1]} ", "  radial      0"]
+        cells[k, 0] = (POSES @ E[:3, :3].T + E[:3, 3]).reshape(FRAMES + 1, -1)
+        if k not in (0, 2, 8):
+            continue
+        x = P @ E @ np.vstack([1000 * world.T, np.ones(len(world))])
+        seen[f"video_{k}"] = (x[:2] / x[2]).T
+        write_video(folder / f"imageSequence/video_{k}.avi")
+        write_masks(folder / f"FGmasks/video_{k}.avi")
+    (folder / "camera.calibration").write_text("\n".join(lines) + "\n")
+    savemat(folder / "annot.mat", {"annot3": cells, "frames": np.arange(FRAMES + 1)[:, None]})
+    return seen, world
+
+
+def write_masks(path: Path) -> None:
+    """The person is red; green and blue are white wherever there are no clothes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, SIZE)
+    image = np.full((*SIZE[::-1], 3), (255, 255, 0), np.uint8)
+    image[32:80, 64:128] = (0, 0, 255)
+    for _ in range(FRAMES):
+        writer.write(image)
+    writer.release()
+
+
+def test_mpi_inf_3dhp(tmp_path):
+    seen, world = write_3dhp(tmp_path / "made")
+    mm.import_dataset("mpi-inf-3dhp", tmp_path / "made", ["S1", "Seq1"], tmp_path / "scene")
+    check(tmp_path / "scene", seen, world)
+    scene = mm.load_scene(tmp_path / "scene")
+    assert (scene.calibrated.up, scene.frame_count, scene.fps) == ("+y", FRAMES, 25)
+    for mask in next(iter(scene.masks())):
+        assert abs(int(mask.sum()) - 48 * 64) < 200
+        assert mask[40:70, 70:120].all()
+    truth = mm.load_truth(scene.truth)
+    np.testing.assert_allclose(truth.joints, POSES[:FRAMES] / 1000, atol=METRE)
+    assert [truth.joint_names[i] for i in (4, 7, 9, 11, 20, 23)] == [
+        *("Root", "HeadTop", "LShoulder", "LWrist", "LAnkle", "RHip")
+    ]
+
+
+def test_faults_of_mpi_inf_3dhp(tmp_path):
+    write_3dhp(tmp_path)
+    annotations, calibration = tmp_path / "S1/Seq1/annot.mat", tmp_path / "S1/Seq1/camera.calibration"
+    text = calibration.read_text()
+    for file, data, message in (
+        (
+            annotations,
+            b"MATLAB 7.3 MAT-file, Platform",
+            r"annot\.mat: is a \.mat file of version 7\.3.*save\(\.\.\., '-v7'",
+        ),
+        (annotations, annotations.read_bytes()[:700], r"annot\.mat: cannot be read as a \.mat file"),
+        (calibration, text.replace("extrinsic", "outside").encode(), r"camera video_0: extrinsic is not 4x4 numbers"),
+        (calibration, text.replace("radial      0", "radial 1 -0.2").encode(), r"has a radial distortion"),
+    ):
+        kept = file.read_bytes()
+        file.write_bytes(data)
+        with pytest.raises(mm.InputError, match=message):
+            mm.import_dataset("mpi-inf-3dhp", tmp_path, ["S1", "Seq1"], tmp_path / "scene")
+        file.write_bytes(kept)
+
+
 def test_wrong_arguments(tmp_path, capsys):
     for arguments in (["nothing", "x"], ["panoptic", "x", "1", "2"]):
         assert cli.main(["dataset", *arguments, "-o", str(tmp_path / "scene")]) == USAGE

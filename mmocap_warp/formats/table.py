@@ -143,6 +143,9 @@ DATASETS: dict[str, Dataset] = {
     "panoptic": Dataset("CMU Panoptic", ("[PERSON]",), "datasets.panoptic:read_panoptic", _TWINS),
     "biocv": Dataset("BioCV", ("TRIAL",), "datasets.biocv:read_biocv", _TWINS),
     "mpi-inf-3dhp": Dataset("MPI-INF-3DHP", ("SUBJECT", "SEQUENCE"), "datasets.mpi_inf_3dhp:read_3dhp", _TWINS),
+    "dannce": Dataset(
+        "DANNCE, Rat7M", ("[FIRST]",), "datasets.dannce:read_dannce", f"{_TWINS}, and DANNCE's own label file"
+    ),
 }
 """By their names on the command line."""
 
@@ -200,6 +203,8 @@ def write_calibration(path: Path, rig: CameraRig) -> None:
     Raises:
         InputError: an unknown name, a format that cannot hold these cameras, or files that cannot be written.
     """
+    if rig.K[:, 0, 1].any() and not path.name.lower().endswith((".toml", ".yml")):
+        raise InputError(path, "cannot hold the skew that these cameras have", "write a .toml or intri.yml")
     calibration_export(path).load()(path, rig)
 
 

@@ -23,9 +23,10 @@ POINTS = np.random.default_rng(3).uniform((-0.5, -0.5, 0.1), (0.5, 0.5, 1.7), (4
 
 def write_video(path: Path, frames: int = FRAMES, size: tuple[int, int] = SIZE, fps: float = 25.0) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, size)
+    codec = "mp4v" if path.suffix == ".mp4" else "MJPG"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), fps, size)
     for frame in range(frames):
-        writer.write(np.full((*size[::-1], 3), 60 * frame, np.uint8))
+        writer.write(np.full((*size[::-1], 3), 20 * frame, np.uint8))
     writer.release()
 
 
@@ -270,6 +271,106 @@ def test_faults_of_mpi_inf_3dhp(tmp_path):
         with pytest.raises(mm.InputError, match=message):
             mm.import_dataset("mpi-inf-3dhp", tmp_path, ["S1", "Seq1"], tmp_path / "scene")
         file.write_bytes(kept)
+
+
+# DANNCE and Rat7M: MATLAB's rows, pixels from 1, millimetres, z up, a skew.
+MATLAB_K = np.array([[210.0, 0, 0], [0.7, 212.0, 0], [97.3, 54.1, 1]])
+RADIAL, TANGENTIAL = LENS[[0, 1, 4]], LENS[2:4]
+LEAD = (0, 2, 1)  # frames by which cameras lead the first
+
+
+def matlab_pixels(points: np.ndarray, r: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """As project_to2d and distortPoints of dannce.engine.ops, counted from 0: rows times matrices; t is a row."""
+    projected = np.column_stack([points, np.ones(len(points))]) @ np.concatenate([r, t]) @ MATLAB_K
+    centred = projected[:, :2] / projected[:, 2:] - MATLAB_K[2, :2]
+    y = centred[:, 1] / MATLAB_K[1, 1]
+    x = (centred[:, 0] - MATLAB_K[1, 0] * y) / MATLAB_K[0, 0]
+    r2 = x * x + y * y
+    alpha = RADIAL[0] * r2 + RADIAL[1] * r2**2 + RADIAL[2] * r2**3
+    (p1, p2), xy = TANGENTIAL, x * y
+    u, v = x + x * alpha + 2 * p1 * xy + p2 * (r2 + 2 * x * x), y + y * alpha + p1 * (r2 + 2 * y * y) + 2 * p2 * xy
+    u = u * MATLAB_K[0, 0] + MATLAB_K[2, 0] + MATLAB_K[1, 0] * v
+    return np.stack([u, v * MATLAB_K[1, 1] + MATLAB_K[2, 1]], axis=-1) - 1
+
+
+def write_rat7m(root: Path, first: int = 3500) -> dict[str, np.ndarray]:
+    from scipy.io import savemat
+
+    seen, cameras = {}, {}
+    moments = np.arange(first - 3, first + FRAMES)
+    for k in range(3):
+        R, t = looking_at_the_middle(k)
+        r, t = R.T, 1000 * t[None]
+        keys = ("IntrinsicMatrix", "rotationMatrix", "translationVector", "RadialDistortion", "TangentialDistortion")
+        name, values = f"Camera{k + 1}", (MATLAB_K, r, t, RADIAL[None], TANGENTIAL[None])
+        cameras[name] = dict(zip(keys, values, strict=True)) | {"frame": moments[None] + LEAD[k]}
+        seen[name] = matlab_pixels(1000 * POINTS, r, t)
+        write_video(root / f"clips/s1-d1-camera{k + 1}-{first}.mp4", frames=FRAMES + 2)
+    mocap = {"HeadF": 1000 * POINTS[: len(moments)], "SpineM": np.full((len(moments), 3), np.nan)}
+    savemat(root / "mocap-s1-d1.mat", {"cameras": cameras, "mocap": mocap})
+    return seen
+
+
+def test_rat7m(tmp_path):
+    seen = write_rat7m(tmp_path / "made")
+    made = mm.import_dataset("dannce", tmp_path / "made", ["3500"], tmp_path / "scene")
+    scene = check(tmp_path / "scene", seen, POINTS)
+    assert [source.frame_offset for source in scene.cameras] == list(LEAD)
+    assert (scene.calibrated.up, scene.frame_count, made.notes) == ("+z", FRAMES, ())
+    truth = mm.load_truth(scene.truth)
+    assert truth.marker_names == ("HeadF", "SpineM")
+    np.testing.assert_allclose(truth.markers[:, 0], POINTS[3 : 3 + FRAMES], atol=METRE)
+    assert np.isnan(truth.markers[:, 1]).all()
+    with pytest.raises(mm.InputError, match=r"holds no \*\*/s1-d1-camera1-0\.mp4"):
+        mm.import_dataset("dannce", tmp_path / "made", [], tmp_path / "other")
+
+
+def write_dannce(root: Path) -> dict[str, np.ndarray]:
+    from scipy.io import savemat
+
+    seen, columns = {}, {key: np.empty((3, 1), object) for key in ("params", "sync", "labelData", "camnames")}
+    for k in range(3):
+        R, t = looking_at_the_middle(k)
+        r, t = R.T, 1000 * t[None]
+        lens = {"K": MATLAB_K, "r": r, "t": t, "RDistort": RADIAL[None], "TDistort": TANGENTIAL[None]}
+        columns["params"][k, 0] = lens
+        columns["sync"][k, 0] = {"data_frame": np.arange(FRAMES)[:, None]}
+        columns["labelData"][k, 0] = {"data_frame": [[1, 3, 9]], "data_3d": 1000 * POINTS[:6].reshape(3, 6)}
+        columns["camnames"][k, 0] = f"Camera{k + 1}"
+        seen[f"Camera{k + 1}"] = matlab_pixels(1000 * POINTS, r, t)
+        write_video(root / f"videos/Camera{k + 1}/0.mp4")
+    savemat(root / "label3d_dannce.mat", columns)
+    return seen
+
+
+def test_dannce(tmp_path):
+    """Its label file of a mouse, which is public but not ours to ship, agrees within 5e-13 px with its own labels."""
+    seen = write_dannce(tmp_path / "made")
+    mm.import_dataset("dannce", tmp_path / "made", [], tmp_path / "scene")
+    scene = check(tmp_path / "scene", seen, POINTS)
+    truth = mm.load_truth(scene.truth)
+    assert (truth.frame_numbers.tolist(), truth.marker_names) == ([1, 3], ("point01", "point02"))
+    np.testing.assert_allclose(truth.markers, POINTS[:4].reshape(2, 2, 3), atol=METRE)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("params", np.zeros(3), r"params: holds something else than structs"),
+        ("camnames", np.array(["Camera1"], object), r"has 3 params, 3 sync and 1 camnames"),
+        ("camnames", np.array(["../../x", "b", "c"], object), r"'../../x' cannot be the name of a file"),
+        ("sync", np.array([{"data_frame": np.arange(n)} for n in (4, 4, 3)], object), r"another number of moments"),
+    ],
+)
+def test_faults_of_dannce(tmp_path, key, value, message):
+    from scipy.io import loadmat, savemat
+
+    write_dannce(tmp_path)
+    file = tmp_path / "label3d_dannce.mat"
+    content = {name: values for name, values in loadmat(file).items() if not name.startswith("__")}
+    savemat(file, content | {key: value})
+    with pytest.raises(mm.InputError, match=message):
+        mm.import_dataset("dannce", tmp_path, [], tmp_path / "scene")
 
 
 def test_wrong_arguments(tmp_path, capsys):

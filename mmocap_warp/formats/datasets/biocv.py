@@ -26,6 +26,7 @@ from mmocap_warp.formats.datasets.dataset_scene import (
     DatasetScene,
     find_files,
     find_first,
+    finite,
     open_videos,
 )
 from mmocap_warp.formats.humaneva.humaneva_files import read_numbers
@@ -74,7 +75,7 @@ def read_biocv(root: Path, trial: str) -> DatasetScene:
 
 def _read_camera(path: Path, name: str) -> Camera:
     refuse_huge(path)
-    numbers = read_numbers(path)
+    numbers = finite(read_numbers(path), (-1,), str(path), "it")
     if len(numbers) != _COUNT:
         raise InputError(path, f"holds {len(numbers)} numbers, not {_COUNT}: size, K, L, k0 to k4", REMEDY)
     (width, height), K, L, distortion = np.split(numbers, np.cumsum([2, 9, 16]))

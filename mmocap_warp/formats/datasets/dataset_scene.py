@@ -22,6 +22,7 @@ from mmocap_warp.whole_file import read_bytes, read_text, write_whole
 REMEDY = "copy it again from the data set"
 MILLIMETRE = 0.001
 _MAX_MAT = 1 << 30  # bytes of a .mat file; a session of Rat7M has some 300 MB
+_MAX_NUMBER = 1e9  # of a calibration, in millimetres or pixels, and of frames
 _MAT_VARIABLES = ("annot3", "frames", "cameras", "params", "sync", "labelData", "camnames", "mocap")
 FROM_RECORDING = """
 # Masks are learnt from the whole recording, in which the person has to walk about; docs/masks.md has other ways.
@@ -152,8 +153,8 @@ def finite(value: object, shape: tuple[int, ...], where: str, what: str) -> np.n
     except (TypeError, ValueError):
         count = "x".join("n" if side < 0 else str(side) for side in shape)
         raise InputError(where, f"{what} is not {count} numbers", REMEDY) from None
-    if not np.isfinite(array).all():
-        raise InputError(where, f"{what} holds a number that is not finite", REMEDY)
+    if not (np.abs(array) < _MAX_NUMBER).all():
+        raise InputError(where, f"{what} holds a number that is not finite or over {_MAX_NUMBER:g}", REMEDY)
     return array
 
 

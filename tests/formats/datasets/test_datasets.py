@@ -381,3 +381,11 @@ def test_wrong_arguments(tmp_path, capsys):
     assert cli.main(["dataset", "--help"]) == OK
     printed = capsys.readouterr().out
     assert all(name in printed for name in DATASETS)
+
+
+def test_the_docs_list_every_data_set():
+    page = (Path(__file__).parents[3] / "docs/sequences.md").read_text(encoding="utf-8")
+    for name, dataset in DATASETS.items():
+        row = next(line for line in page.splitlines() if line.startswith(f"| {dataset.title} |"))
+        assert f"`{dataset.usage(name)}`" in row
+        assert row.endswith(f"| {dataset.tried_on} |")

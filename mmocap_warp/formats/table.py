@@ -139,7 +139,9 @@ class Dataset:
 _TWINS = "made twins"
 
 DATASETS: dict[str, Dataset] = {
-    "humaneva": Dataset("HumanEva-I", ("SUBJECT", "ACTION"), "humaneva.sequence:read_humaneva", _TWINS),
+    "humaneva": Dataset(
+        "HumanEva-I", ("SUBJECT", "ACTION", "[FIRST]", "[LAST]"), "humaneva.sequence:read_humaneva", _TWINS
+    ),
     "panoptic": Dataset("CMU Panoptic", ("[PERSON]",), "datasets.panoptic:read_panoptic", _TWINS),
     "biocv": Dataset("BioCV", ("TRIAL",), "datasets.biocv:read_biocv", _TWINS),
     "mpi-inf-3dhp": Dataset("MPI-INF-3DHP", ("SUBJECT", "SEQUENCE"), "datasets.mpi_inf_3dhp:read_3dhp", _TWINS),

@@ -22,6 +22,7 @@ from mmocap_warp.whole_file import read_bytes, read_text, write_whole
 REMEDY = "copy it again from the data set"
 MILLIMETRE = 0.001
 _MAX_MAT = 1 << 30  # bytes of a .mat file; a session of Rat7M has some 300 MB
+_ERRORS = (ValueError, TypeError, AttributeError, NotImplementedError, UnboundLocalError)  # of scipy, for damaged .mat
 _MAX_NUMBER = 1e9  # of a calibration, in millimetres or pixels, and of frames
 _MAT_VARIABLES = ("annot3", "frames", "cameras", "params", "sync", "labelData", "camnames", "mocap")
 FROM_RECORDING = """
@@ -178,8 +179,10 @@ def read_mat(path: str | Path) -> dict[str, Any]:
         InputError: no such file, a damaged one, or one of version 7.3, which is HDF5.
     """
     import io
+    import zlib
 
     from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
 
     data = read_bytes(path, REMEDY, most=_MAX_MAT)
     if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
@@ -187,8 +190,6 @@ def read_mat(path: str | Path) -> dict[str, Any]:
         raise InputError(path, "is a .mat file of version 7.3, which is not read", remedy)
     try:
         content: dict[str, Any] = loadmat(io.BytesIO(data), simplify_cells=True, variable_names=_MAT_VARIABLES)
-    except MemoryError:
-        raise
-    except Exception as error:  # scipy's reader raises many kinds of error for a damaged file
+    except (MatReadError, zlib.error, ArithmeticError, LookupError, OSError, *_ERRORS) as error:
         raise InputError(path, f"cannot be read as a .mat file ({error})", REMEDY) from None
     return content

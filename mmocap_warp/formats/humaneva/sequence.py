@@ -259,9 +259,13 @@ join = 20.0
 """
 
 
-def read_humaneva(root: Path, subject: str, action: str) -> DatasetScene:
-    """All frames of a sequence as a scene."""
-    return as_scene(read_sequence(root, subject, action))
+def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: str = "") -> DatasetScene:
+    """A sequence as a scene: all of its frames, or those of HumanEva's own numbers."""
+    for number in (first, last):
+        if number and not number.isdecimal():
+            raise InputError(f"{subject} {action}", f"{number!r} is not the number of a frame", "give whole numbers")
+    chosen = int(first) if first else FIRST_FRAME
+    return as_scene(read_sequence(root, subject, action, chosen, int(last) if last else None))
 
 
 def as_scene(sequence: HumanEvaSequence) -> DatasetScene:

@@ -389,3 +389,29 @@ def test_the_docs_list_every_data_set():
         row = next(line for line in page.splitlines() if line.startswith(f"| {dataset.title} |"))
         assert f"`{dataset.usage(name)}`" in row
         assert row.endswith(f"| {dataset.tried_on} |")
+
+
+def test_a_skew_is_kept_by_formats_that_have_one(tmp_path):
+    write_rat7m(tmp_path / "made")
+    rig = mm.import_dataset("dannce", tmp_path / "made", ["3500"], tmp_path / "scene").rig
+    calibration = tmp_path / "scene/calibration.toml"
+    for name in ("some.toml", "intri.yml"):
+        mm.convert_cameras(calibration, tmp_path / name)
+        written = mm.convert_cameras(tmp_path / name, tmp_path / f"again-{name.replace('intri', 'x')}.toml")
+        written = getattr(written, "rig", written)
+        np.testing.assert_allclose(written.K, rig.K, atol=1e-9)
+    with pytest.raises(mm.InputError, match=r"cameras\.usda: cannot hold the skew"):
+        mm.convert_cameras(calibration, tmp_path / "cameras.usda")
+
+
+def test_a_channel_is_for_videos_of_masks(tmp_path):
+    write_3dhp(tmp_path / "made")
+    mm.import_dataset("mpi-inf-3dhp", tmp_path / "made", ["S1", "Seq1"], tmp_path / "scene")
+    file = tmp_path / "scene/scene.toml"
+    text = file.read_text()
+    file.write_text(text.replace('"red"', '"pink"', 1))
+    with pytest.raises(mm.InputError, match=r"mask_channel"):
+        mm.load_scene(file)
+    file.write_text("\n".join(line for line in text.splitlines() if not line.startswith("masks =")))
+    with pytest.raises(mm.InputError, match=r"mask_channel is for masks that are a video; leave it out"):
+        mm.load_scene(file)

@@ -19,26 +19,15 @@ import numpy as np
 from mmocap_warp.cameras.rig import Camera, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import refuse_huge
-from mmocap_warp.formats.datasets.dataset_scene import (
-    MILLIMETRE,
-    REMEDY,
-    CameraFiles,
-    DatasetScene,
-    find_files,
-    find_first,
-    finite,
-    open_videos,
-)
+from mmocap_warp.formats.datasets import dataset_scene
+from mmocap_warp.formats.datasets.dataset_scene import REMEDY, CameraFiles, DatasetScene
 from mmocap_warp.formats.humaneva.humaneva_files import read_numbers
 from mmocap_warp.formats.motion.captured_points import read_c3d
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.whole_file import file_name
 
-_SIDES = {"LEFT": "L", "RIGHT": "R"}
-_PARTS = {
-    "SHO": "Shoulder", "ELBOW": "Elbow", "WRIST": "Wrist", "HIP": "Hip", "KNEE": "Knee", "ANKLE": "Ankle"
-}  # fmt: skip
-_JOINTS = {f"{side}_{part}": _SIDES[side] + _PARTS[part] for side in _SIDES for part in _PARTS}
+_PARTS = {"SHO": "Shoulder"} | {part.upper(): part for part in ("Elbow", "Wrist", "Hip", "Knee", "Ankle")}
+_JOINTS = {f"{side}_{part}": side[0] + _PARTS[part] for side in ("LEFT", "RIGHT") for part in _PARTS}
 _COUNT = 2 + 9 + 16 + 5
 _MAX_SHEAR = 1e-3  # by which L may differ from a scaled turn
 _RATE_TOLERANCE = 0.005
@@ -47,14 +36,14 @@ _RATE_TOLERANCE = 0.005
 def read_biocv(root: Path, trial: str) -> DatasetScene:
     """Read a trial, such as ``P03_WALK_01``. Archives unpack to ``P03`` or to ``P03/P03``, and both are known."""
     person = file_name(trial, "TRIAL").partition("_")[0]
-    folder = find_first([root / person / trial, root / person / person / trial, root / trial], "which is the trial")
-    videos = find_files(folder, "[0-9][0-9].mp4", "the trial's videos")
+    known = [root / person / trial, root / person / person / trial, root / trial]
+    folder = next((place for place in known if place.is_dir()), known[0])
+    videos = dataset_scene.find_files(folder, "[0-9][0-9].mp4", "the trial's videos")
     places = [root / "calibrationUpdate" / person, folder.parent]
     calibrations = next((place for place in places if place.is_dir() and any(place.glob("*.calib"))), folder.parent)
-    cameras = []
-    for video in videos:
-        cameras.append(_read_camera(find_files(calibrations, f"{video.name}*.calib", "its calibration")[0], video.stem))
-    _, fps, frames = open_videos(videos)
+    found = [dataset_scene.find_files(calibrations, f"{video.name}*.calib", "its calibration")[0] for video in videos]
+    cameras = [_read_camera(file, video.stem) for file, video in zip(found, videos, strict=True)]
+    _, fps, frames = dataset_scene.open_videos(videos)
     path = folder / "markers.c3d"
     truth, notes = None, [f"no truth: there is no {path.name} in {folder}"]
     if path.is_file():
@@ -75,7 +64,7 @@ def read_biocv(root: Path, trial: str) -> DatasetScene:
 
 def _read_camera(path: Path, name: str) -> Camera:
     refuse_huge(path)
-    numbers = finite(read_numbers(path), (-1,), str(path), "it")
+    numbers = dataset_scene.finite(read_numbers(path), (-1,), str(path), "it")
     if len(numbers) != _COUNT:
         raise InputError(path, f"holds {len(numbers)} numbers, not {_COUNT}: size, K, L, k0 to k4", REMEDY)
     (width, height), K, L, distortion = np.split(numbers, np.cumsum([2, 9, 16]))
@@ -84,4 +73,6 @@ def _read_camera(path: Path, name: str) -> Camera:
     scale = float(stretch.mean())
     if not 0.5 < scale < 2 or np.ptp(stretch) > _MAX_SHEAR * scale:
         raise InputError(path, f"L stretches lengths by {stretch.min():.4g} to {stretch.max():.4g}", REMEDY)
-    return Camera(name, K.reshape(3, 3), u @ vt, t / scale * MILLIMETRE, (int(width), int(height)), distortion)
+    return Camera(
+        name, K.reshape(3, 3), u @ vt, t / scale * dataset_scene.MILLIMETRE, (int(width), int(height)), distortion
+    )

@@ -23,16 +23,8 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.datasets.dataset_scene import (
-    MILLIMETRE,
-    REMEDY,
-    CameraFiles,
-    DatasetScene,
-    find_files,
-    finite,
-    open_videos,
-    read_mat,
-)
+from mmocap_warp.formats.datasets import dataset_scene
+from mmocap_warp.formats.datasets.dataset_scene import REMEDY, CameraFiles, DatasetScene
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.whole_file import file_name
 
@@ -47,8 +39,8 @@ def read_dannce(root: Path, first: str = "0") -> DatasetScene:
     if not first.isdecimal():
         raise InputError("FIRST", f"{first!r} is not the number of a frame", "give that of a video's name, such as 0")
     project = sorted(root.glob("*dannce.mat"))
-    path = project[0] if project else find_files(root, "mocap-s*-d*.mat", "and no *dannce.mat")[0]
-    content = read_mat(path)
+    path = project[0] if project else dataset_scene.find_files(root, "mocap-s*-d*.mat", "and no *dannce.mat")[0]
+    content = dataset_scene.read_mat(path)
     parse = _project if project else _rat7m
     names, lenses, frames, (at, point_names, points) = parse(content, path)
     # The sizes of images are those of the videos.
@@ -57,7 +49,9 @@ def read_dannce(root: Path, first: str = "0") -> DatasetScene:
     else:
         session = path.stem.removeprefix("mocap-")
         patterns = [f"**/{session}-{file_name(name, path).lower()}-{first}.mp4" for name in names]
-    videos, fps, _ = open_videos([find_files(root, pattern, "a camera's video")[0] for pattern in patterns])
+    videos, fps, _ = dataset_scene.open_videos(
+        [dataset_scene.find_files(root, pattern, "a camera's video")[0] for pattern in patterns]
+    )
     cameras = [_read_camera(*each) for each in zip(names, lenses, (video.size for video in videos), strict=True)]
     # By how many frames cameras lead the first one, as a rule, in these videos.
     inside = (frames[0] >= int(first)) & (frames[0] < int(first) + len(videos[0]))
@@ -77,7 +71,7 @@ def read_dannce(root: Path, first: str = "0") -> DatasetScene:
         raise InputError(path, "says that the videos have no moment in common", REMEDY)
     numbers, rows = np.unique(at - int(first) - offsets[0], return_index=True)
     kept = (numbers >= 0) & (numbers < count)
-    truth, points = None, points[rows[kept]] * MILLIMETRE
+    truth, points = None, points[rows[kept]] * dataset_scene.MILLIMETRE
     if kept.any():
         truth = Truth(fps, numbers[kept], point_names, points, (), np.zeros((len(points), 0, 3)))
     else:
@@ -137,7 +131,7 @@ def _structs(values: Any, where: str) -> list[dict[str, Any]]:
 
 def _frames(columns: Iterable[Any], path: Path) -> list[np.ndarray]:
     """Frames of cameras at the same moments."""
-    frames = [finite(column, (-1,), str(path), "a camera's frames").astype(int) for column in columns]
+    frames = [dataset_scene.finite(column, (-1,), str(path), "a camera's frames").astype(int) for column in columns]
     if len({len(each) for each in frames}) != 1:
         raise InputError(path, "has another number of moments for each camera", REMEDY)
     return frames
@@ -157,10 +151,10 @@ def _read_camera(name: str, lens: Lens, size: tuple[int, int]) -> Camera:
     values, keys, where = lens
     shapes = ((3, 3), (3, 3), (3,), (-1,), (2,))
     K, r, t, radial, tangential = (
-        finite(values.get(key), shape, where, key) for key, shape in zip(keys, shapes, strict=True)
+        dataset_scene.finite(values.get(key), shape, where, key) for key, shape in zip(keys, shapes, strict=True)
     )
     if not 2 <= len(radial) <= 3:
         raise InputError(where, f"{keys[3]} is not 2 or 3 numbers", REMEDY)
     K = K.T - [[0, 0, 1], [0, 0, 1], [0, 0, 0]]  # pixel centres count from 0 here
     k1, k2, k3 = [*radial, 0.0][:3]
-    return Camera(name, K, r.T, t * MILLIMETRE, size, np.array([k1, k2, *tangential, k3]))
+    return Camera(name, K, r.T, t * dataset_scene.MILLIMETRE, size, np.array([k1, k2, *tangential, k3]))

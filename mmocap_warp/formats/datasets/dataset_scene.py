@@ -126,15 +126,6 @@ def find_files(folder: Path, pattern: str, what: str) -> list[Path]:
     return files
 
 
-def find_first(places: list[Path], what: str) -> Path:
-    """The first of some places that exists."""
-    for place in places:
-        if place.exists():
-            return place
-    looked = ", ".join(str(place) for place in places)
-    raise InputError(places[0], f"no such file or folder, {what}", f"it was looked for as {looked}")
-
-
 def open_videos(paths: list[Path]) -> tuple[list[VideoFile], float, int]:
     """The videos of a recording, their rate, and the frames of the shortest."""
     videos = [open_video(path) for path in paths]

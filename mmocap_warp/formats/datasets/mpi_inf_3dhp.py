@@ -19,17 +19,8 @@ import numpy as np
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import read_short_text
-from mmocap_warp.formats.datasets.dataset_scene import (
-    FROM_RECORDING,
-    MILLIMETRE,
-    REMEDY,
-    CameraFiles,
-    DatasetScene,
-    find_files,
-    finite,
-    open_videos,
-    read_mat,
-)
+from mmocap_warp.formats.datasets import dataset_scene
+from mmocap_warp.formats.datasets.dataset_scene import REMEDY, CameraFiles, DatasetScene
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.whole_file import file_name
 
@@ -50,27 +41,27 @@ source = "masks"
 def read_3dhp(root: Path, subject: str, sequence: str) -> DatasetScene:
     """Read a sequence such as ``S1`` ``Seq1``, by the cameras whose videos are there."""
     folder = root / file_name(subject, "SUBJECT") / file_name(sequence, "SEQUENCE")
-    videos = {video.stem: video for video in find_files(folder / "imageSequence", "video_*.avi", "the videos")}
+    videos = {
+        video.stem: video for video in dataset_scene.find_files(folder / "imageSequence", "video_*.avi", "the videos")
+    }
     path = folder / "camera.calibration"
     rig = _read_rig(path, videos)
-    files, notes = [], []
-    for name in rig.names:
-        mask = folder / "FGmasks" / videos[name].name
-        has_mask = mask.is_file()
-        files.append(CameraFiles(videos[name], mask if has_mask else None, mask_channel="red" if has_mask else ""))
-    masked = all(each.masks for each in files)
-    if not masked:
+    _, fps, frames = dataset_scene.open_videos([videos[name] for name in rig.names])
+    masks = [folder / "FGmasks" / videos[name].name for name in rig.names]
+    masked, notes = all(mask.is_file() for mask in masks), []
+    if masked:
+        pairs = zip(rig.names, masks, strict=True)
+        files = [CameraFiles(videos[name], mask, mask_channel="red") for name, mask in pairs]
+    else:
         notes.append(f"masks of some cameras are missing in {folder / 'FGmasks'}, so that they must be made")
-        files = [CameraFiles(each.video) for each in files]
-    _, fps, frames = open_videos([each.video for each in files])
-    truth = None
-    annotations = folder / "annot.mat"
+        files = [CameraFiles(videos[name]) for name in rig.names]
+    truth, annotations = None, folder / "annot.mat"
     if annotations.is_file():
         truth = _read_truth(annotations, rig, fps, frames)
     else:
         notes.append(f"no truth: there is no {annotations.name} in {folder}")
     about = (f"MPI-INF-3DHP, {subject} {sequence}, written by mmocap dataset.",)
-    name, foreground = f"{subject} {sequence}", _MASKS if masked else FROM_RECORDING
+    name, foreground = f"{subject} {sequence}", _MASKS if masked else dataset_scene.FROM_RECORDING
     return DatasetScene(about, name, rig, fps, frames, tuple(files), truth, tuple(notes), foreground)
 
 
@@ -83,11 +74,8 @@ def _read_rig(path: Path, videos: dict[str, Path]) -> CameraRig:
             cameras.append({})
         if key and cameras:
             cameras[-1][key] = words
-    read = []
-    for values in cameras:
-        name = "video_" + "".join(values["name"])
-        if name in videos:
-            read.append(_read_camera(values, name, f"{path}: camera {name}"))
+    by_name = {"video_" + "".join(values["name"]): values for values in cameras}
+    read = [_read_camera(values, name, f"{path}: camera {name}") for name, values in by_name.items() if name in videos]
     if not read:
         raise InputError(path, f"has none of the cameras {', '.join(videos)}", REMEDY)
     return rig_of(read, "+y", path)
@@ -95,28 +83,25 @@ def _read_rig(path: Path, videos: dict[str, Path]) -> CameraRig:
 
 def _read_camera(values: dict[str, list[str]], name: str, where: str) -> Camera:
     def numbers(key: str, *shape: int) -> np.ndarray:
-        return finite(values.get(key), shape, where, key)
+        return dataset_scene.finite(values.get(key), shape, where, key)
 
     if numbers("radial", -1).any():
         raise InputError(where, "has a radial distortion, whose formula is not published", "undistort the videos")
     (width, height), extrinsic = numbers("size", 2).astype(int).tolist(), numbers("extrinsic", 4, 4)
-    K, t = numbers("intrinsic", 4, 4)[:3, :3], extrinsic[:3, 3] * MILLIMETRE
-    return Camera(name, K, _nearest_turn(extrinsic[:3, :3]), t, (width, height), np.zeros(5))
-
-
-def _nearest_turn(matrix: np.ndarray) -> np.ndarray:
-    """The rotation nearest to one that is written with seven digits; any other matrix as it is."""
-    u, stretch, vt = np.linalg.svd(matrix)
-    return u @ vt if np.abs(stretch - 1).max() < 1e-3 else matrix
+    K, t = numbers("intrinsic", 4, 4)[:3, :3], extrinsic[:3, 3] * dataset_scene.MILLIMETRE
+    return Camera(name, K, extrinsic[:3, :3], t, (width, height), np.zeros(5))
 
 
 def _read_truth(path: Path, rig: CameraRig, fps: float, frames: int) -> Truth:
     """The joints as the first camera has them, in the world; others have the same within a few millimetres."""
-    content = read_mat(path)
+    content = dataset_scene.read_mat(path)
     cells = content.get("annot3")
     number = int(rig.names[0].rpartition("_")[2])
     if not isinstance(cells, (list, np.ndarray)) or len(cells) <= number:
         raise InputError(path, f"has no annot3 of camera {number}", REMEDY)
-    joints = finite(cells[number], (-1, len(_JOINTS), 3), str(path), f"annot3[{number}]")[:frames] * MILLIMETRE
+    joints = (
+        dataset_scene.finite(cells[number], (-1, len(_JOINTS), 3), str(path), f"annot3[{number}]")[:frames]
+        * dataset_scene.MILLIMETRE
+    )
     world = (joints - rig.t[0]) @ rig.R[0]
     return Truth(fps, np.arange(len(world)), (), np.zeros((len(world), 0, 3)), _JOINTS, world)

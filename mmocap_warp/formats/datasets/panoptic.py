@@ -19,15 +19,8 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.datasets.dataset_scene import (
-    REMEDY,
-    CameraFiles,
-    DatasetScene,
-    find_files,
-    finite,
-    open_videos,
-    read_json,
-)
+from mmocap_warp.formats.datasets import dataset_scene
+from mmocap_warp.formats.datasets.dataset_scene import REMEDY, CameraFiles, DatasetScene
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.whole_file import file_name
 
@@ -45,10 +38,10 @@ def read_panoptic(root: Path, person: str = "") -> DatasetScene:
 
     Without an id it is the person who is seen in most frames.
     """
-    calibration = find_files(root, "calibration_*.json", "the sequence's calibration")[0]
-    videos = find_files(root / "hdVideos", "hd_*.mp4", "the HD videos")
+    calibration = dataset_scene.find_files(root, "calibration_*.json", "the sequence's calibration")[0]
+    videos = dataset_scene.find_files(root / "hdVideos", "hd_*.mp4", "the HD videos")
     rig, used = _read_rig(calibration, {video.stem.removeprefix("hd_"): video for video in videos})
-    _, fps, frames = open_videos(used)
+    _, fps, frames = dataset_scene.open_videos(used)
     poses = root / "hdPose3d_stage1_coco19"
     truth, notes = None, [f"no truth: there is no folder {poses.name}; unpack {poses.name}.tar in {root}"]
     if poses.is_dir():
@@ -60,7 +53,7 @@ def read_panoptic(root: Path, person: str = "") -> DatasetScene:
 
 def _read_rig(path: Path, videos: dict[str, Path]) -> tuple[CameraRig, list[Path]]:
     """The HD cameras that have a video, and these videos."""
-    content = read_json(path, _MAX_CALIBRATION).get("cameras")
+    content = dataset_scene.read_json(path, _MAX_CALIBRATION).get("cameras")
     cameras: list[Camera] = []
     for number, values in enumerate(content if isinstance(content, list) else []):
         where = f"{path}: cameras[{number}]"
@@ -78,7 +71,7 @@ def _read_rig(path: Path, videos: dict[str, Path]) -> tuple[CameraRig, list[Path
 
 def _read_camera(values: dict[str, Any], name: str, where: str) -> Camera:
     def numbers(key: str, *shape: int) -> np.ndarray:
-        return finite(values.get(key), shape, where, key)
+        return dataset_scene.finite(values.get(key), shape, where, key)
 
     width, height = numbers("resolution", 2).astype(int).tolist()
     t = numbers("t", 3) * _CENTIMETRE
@@ -88,16 +81,16 @@ def _read_camera(values: dict[str, Any], name: str, where: str) -> Camera:
 def _read_truth(folder: Path, person: str, fps: float, frames: int) -> tuple[Truth, list[str]]:
     """The joints of one person, and what there is to say about it."""
     bodies: dict[str, dict[int, np.ndarray]] = {}
-    for file in find_files(folder, "body3DScene_*.json", "a file of joints for each frame"):
+    for file in dataset_scene.find_files(folder, "body3DScene_*.json", "a file of joints for each frame"):
         digits = file.stem.rpartition("_")[2]
         if not digits.isdecimal() or int(digits) >= frames:
             continue
-        found = read_json(file, _MAX_POSES).get("bodies")
+        found = dataset_scene.read_json(file, _MAX_POSES).get("bodies")
         for number, body in enumerate(found if isinstance(found, list) else []):
             where = f"{file}: bodies[{number}]"
             if not isinstance(body, dict):
                 raise InputError(where, "is not a JSON object", REMEDY)
-            joints = finite(body.get("joints19"), (len(_JOINTS), 4), where, "joints19")
+            joints = dataset_scene.finite(body.get("joints19"), (len(_JOINTS), 4), where, "joints19")
             bodies.setdefault(str(body.get("id")), {})[int(digits)] = joints
     if not bodies:
         raise InputError(folder, "shows nobody in the frames of the videos", REMEDY)

@@ -123,7 +123,8 @@ def _rat7m(content: dict[str, Any], path: Path) -> Content:
 
 def _structs(values: Any, where: str) -> list[dict[str, Any]]:
     """The structs of a cell array; one alone is no list."""
-    listed = [values] if isinstance(values, dict) else [] if values is None else list(values)
+    listed = list(values) if isinstance(values, list | np.ndarray) and np.ndim(values) else [values]
+    listed = [] if values is None else listed
     if not all(isinstance(each, dict) for each in listed):
         raise InputError(where, "holds something else than structs", REMEDY)
     return listed

@@ -357,6 +357,7 @@ def test_dannce(tmp_path):
     ("key", "value", "message"),
     [
         ("params", np.zeros(3), r"params: holds something else than structs"),
+        ("sync", 5.0, r"sync: holds something else than structs"),
         ("camnames", np.array(["Camera1"], object), r"has 3 params, 3 sync and 1 camnames"),
         ("camnames", np.array(["../../x", "b", "c"], object), r"'../../x' cannot be the name of a file"),
         ("sync", np.array([{"data_frame": np.arange(n)} for n in (4, 4, 3)], object), r"another number of moments"),

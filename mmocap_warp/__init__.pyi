@@ -8,8 +8,8 @@ from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.solution import SolvedCameras
 from mmocap_warp.calibration.sync.synchronise import Synchronisation
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.commands.boards import calibrate_board, print_board
 from mmocap_warp.commands.bodies import export_body, import_body, learn_body, show_body
+from mmocap_warp.commands.boards import calibrate_board, print_board
 from mmocap_warp.commands.calibrate import (
     check_cameras,
     convert_cameras,
@@ -23,7 +23,7 @@ from mmocap_warp.commands.clips import ablate, make_sequences
 from mmocap_warp.commands.demo import demo
 from mmocap_warp.commands.evaluate import evaluate, measure
 from mmocap_warp.commands.mask import mask
-from mmocap_warp.commands.new_scenes import import_humaneva, init, synthesize
+from mmocap_warp.commands.new_scenes import import_dataset, import_humaneva, init, synthesize
 from mmocap_warp.commands.show import export, show, view
 from mmocap_warp.commands.studies import benchmark, report_study, run_study, write_benchmark_pages
 from mmocap_warp.commands.track import fit, track
@@ -48,9 +48,9 @@ __all__ = [
     "BoardCalibration", "BodyModel", "CameraCheck", "CameraRig", "FitConfig", "InputError", "LiveFrame",
     "Refinement", "Reporter", "Result", "Scene", "SolvedCameras", "Subject", "Synchronisation", "TrackConfig",
     "UnsolvableError", "UsageError", "__version__", "ablate", "benchmark", "calibrate_board", "check_cameras",
-    "convert_cameras", "demo", "evaluate", "export", "export_body", "fit", "import_body", "import_humaneva",
-    "init", "learn_body", "load_body", "load_result", "load_scene", "load_truth", "make_sequences", "mask",
-    "measure", "minimize", "overlay", "print_board", "refine_cameras", "report_study", "run_study", "show",
-    "show_body", "show_cameras", "solve_cameras", "study_results", "sync", "synthesize", "track", "track_live",
-    "validate_usd", "view", "write_benchmark_pages", "write_result",
+    "convert_cameras", "demo", "evaluate", "export", "export_body", "fit", "import_body", "import_dataset",
+    "import_humaneva", "init", "learn_body", "load_body", "load_result", "load_scene", "load_truth",
+    "make_sequences", "mask", "measure", "minimize", "overlay", "print_board", "refine_cameras", "report_study",
+    "run_study", "show", "show_body", "show_cameras", "solve_cameras", "study_results", "sync", "synthesize",
+    "track", "track_live", "validate_usd", "view", "write_benchmark_pages", "write_result",
 ]  # fmt: skip

@@ -33,7 +33,7 @@ def file_name(name: str, source: object) -> str:
 
 
 def native_path(path: str | Path) -> str:
-    """A path as OpenCV, USD and ezc3d take it: one that is not UTF-8 may end the process in them.
+    """A path as OpenCV, USD and ezc3d take it, and TOML files name it: another may end the process in them.
 
     Raises:
         InputError: it is not UTF-8.

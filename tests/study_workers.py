@@ -18,9 +18,9 @@ PER_RUN = ("shake", "growth", "jerk", "foot_slide", "frames_lost", "seconds", "e
 DYING_ALWAYS, DYING_ONCE, FAILING = "always", "once", "failing"
 
 
-def serve_and_die_once(connection, device, threads) -> None:
-    """A worker that the system kills amid its third cell, unless that has happened before."""
-    work, mark, done = Worker.work, Path(os.environ["MARK"]), []
+def serve_and_die_once(mark: Path, connection, device, threads) -> None:
+    """A worker that the system kills amid its third cell, unless there is a mark that this has happened before."""
+    work, done = Worker.work, []
 
     def working(worker, job):
         done.append(job)

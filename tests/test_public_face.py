@@ -122,7 +122,7 @@ def test_wrong_arguments_are_named_as_in_python(walk):
     result = synthetic_result()
     with pytest.raises(mm.UsageError, match=r"^frames = 90:95 holds none of the result's frames, 10 to 15"):
         mm.measure(result, frames="90:95")
-    with pytest.raises(mm.UsageError, match=r"^resume continues what force would replace"):
+    with pytest.raises(mm.UsageError, match=r"^resume and force cannot both be given"):
         mm.track(walk, resume=True, force=True)
     with pytest.raises(mm.UsageError, match=r"^output is missing"):
         mm.show(result)

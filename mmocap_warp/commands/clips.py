@@ -24,7 +24,8 @@ from mmocap_warp.study.store import open_folder
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.whole_file import write_whole
 
-_COMMON_SETTINGS = ("seed", "runs", "scale", "device", "threads")  # settings that are the same for all trackers
+_COMMON_SETTINGS = {"seed": "seeds", "runs": "seeds", "scale": "scale", "device": "device", "threads": "threads"}
+"""Settings that are the same for all trackers, and the flags that set them."""
 
 
 @releases_locks
@@ -204,7 +205,7 @@ def _tracker_settings(text: str, scale: float, device: str, threads: int | None)
     for pair in pairs:
         name, _, value = pair.partition("=")
         if name in _COMMON_SETTINGS:
-            raise UsageError(f"--tracker {text}: {name} holds for all trackers; give it as --{name}")
+            raise UsageError(f"--tracker {text}: {name} holds for all trackers; use --{_COMMON_SETTINGS[name]}")
         try:
             values[name] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:

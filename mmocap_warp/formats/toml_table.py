@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.whole_file import read_text
+from mmocap_warp.whole_file import native_path, read_text
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -50,14 +50,19 @@ def load_toml(path: str | Path) -> Table:
 
 
 def quoted(text: str) -> str:
-    """A TOML basic string, all on one line and visible."""
+    """A TOML basic string, all on one line and visible; what is not UTF-8 becomes ``?``."""
+    text = text.encode(errors="replace").decode()
     escaped = {"\\": "\\\\", '"': '\\"'}
     return '"' + "".join(escaped.get(c, c) if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'
 
 
 def quoted_path(path: Path, folder: Path) -> str:
-    """A path as a TOML string, for a file in ``folder``: from there, with slashes on all systems."""
-    return quoted(Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix())
+    """A path as a TOML string, for a file in ``folder``: from there, with slashes on all systems.
+
+    Raises:
+        InputError: it is not UTF-8, as a TOML file is.
+    """
+    return quoted(Path(native_path(os.path.relpath(path.resolve(), folder.resolve()))).as_posix())
 
 
 def toml_value(value: Any) -> str:

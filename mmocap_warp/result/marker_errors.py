@@ -17,6 +17,7 @@ brings them: where tracking has no error of its own.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -64,27 +65,76 @@ def attach(
     Raises:
         ValueError: a point has no triangle where it may be.
     """
-    import trimesh  # half a second that most commands need not spend
-
     triangles = triangulated(faces)
     corner = vertices[triangles].astype(np.float64)
     centre = corner.mean(axis=1)
     radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)
-    everywhere = np.arange(len(triangles))
-    place = np.zeros((len(points), 3))
-    nearest = np.zeros(len(points), int)
+    everywhere, (a, b, c) = np.arange(len(triangles)), triangles.T
+    # Of all triangles, those which may hold a point's nearest place.
+    candidates = []
     for i, point in enumerate(points):
-        among = everywhere if allowed is None else np.flatnonzero(allowed[i, triangles].any(axis=1))
+        among = everywhere
+        if allowed is not None:
+            among = np.flatnonzero(allowed[i][a] | allowed[i][b] | allowed[i][c])
         if not len(among):
             raise ValueError(f"allowed leaves no triangle for point {i}")
         away = np.linalg.norm(centre[among] - point, axis=1)
-        near = among[away - radius[among] <= away.min()]  # no other triangle can hold the nearest place
-        on_each = trimesh.triangles.closest_point(corner[near], np.broadcast_to(point, (len(near), 3)))
-        closest = np.argmin(((on_each - point) ** 2).sum(axis=1))
-        nearest[i], place[i] = near[closest], on_each[closest]
-    weights = trimesh.triangles.points_to_barycentric(corner[nearest], place) if len(points) else place
-    weights = np.maximum(weights, 0.0)  # a place on an edge is outside by a rounding
+        candidates.append(among[away - radius[among] <= away.min()])
+    # The nearest of the places on these, for all points at once.
+    triangle = np.concatenate(candidates) if candidates else everywhere[:0]
+    point = np.repeat(points, [len(each) for each in candidates], axis=0)
+    on_each = _nearest_places(point, corner[triangle])
+    distance = ((on_each - point) ** 2).sum(axis=1)
+    begin = np.cumsum([0, *map(len, candidates)])
+    closest = [first + np.argmin(distance[first:last]) for first, last in pairwise(begin)]
+    nearest, place = triangle[closest], on_each[closest]
+    weights = np.maximum(_barycentric(place, corner[nearest]), 0.0)  # a place on an edge is outside by a rounding
     return SkinPoints(triangles[nearest], weights / weights.sum(axis=1, keepdims=True))
+
+
+_ZERO = 1e-13  # square metres, and their squares: so near the border of two cases a point may be in either
+
+
+def _nearest_places(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(triangle, 3) the place on each triangle (triangle, 3, 3) that is nearest to its point (triangle, 3) [m].
+
+    It is a corner, on an edge or inside: C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.5, has these
+    cases and names.
+    """
+    a, b, c = np.moveaxis(corners, 1, 0)
+    ab, ac, bc = b - a, c - a, c - b
+    (d1, d2), (d3, d4), (d5, d6) = [(_dot(ab, point - corner), _dot(ac, point - corner)) for corner in (a, b, c)]
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    with np.errstate(divide="ignore", invalid="ignore"):  # in the cases that a triangle is not in
+        one_edge = np.clip((ac * (point - a)).sum(axis=1) / np.maximum((ac**2).sum(axis=1), 1e-300), 0.0, 1.0)
+        on_ab, on_ac, on_bc = d1 / (d1 - d3), d2 / (d2 - d6), (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        share = 1.0 / (va + vb + vc)
+        inside = a + ab * (vb * share)[:, None] + ac * (vc * share)[:, None]
+    cases = (
+        ((ab == 0.0).all(axis=1), a + one_edge[:, None] * ac),  # a triangle that is an edge only
+        ((d1 < _ZERO) & (d2 < _ZERO), a),
+        ((d3 > -_ZERO) & (d4 <= d3), b),
+        ((vc < _ZERO) & (d1 > -_ZERO) & (d3 < _ZERO), a + on_ab[:, None] * ab),
+        ((d6 > -_ZERO) & (d5 <= d6), c),
+        ((vb < _ZERO) & (d2 > -_ZERO) & (d6 < _ZERO), a + on_ac[:, None] * ac),
+        ((va < _ZERO) & (d4 - d3 > -_ZERO) & (d5 - d6 > -_ZERO), b + on_bc[:, None] * bc),
+    )
+    return np.select([case[:, None] for case, _ in cases], [place for _, place in cases], inside)
+
+
+def _barycentric(place: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(place, 3) barycentric coordinates of places (place, 3) in triangles (place, 3, 3), by Cramer's rule."""
+    edge = corners[:, 1:] - corners[:, :1]
+    ab, ac, ap = edge[:, 0], edge[:, 1], place - corners[:, 0]
+    across = 1.0 / (_dot(ab, ab) * _dot(ac, ac) - _dot(ab, ac) * _dot(ab, ac))
+    w = (_dot(ab, ab) * _dot(ac, ap) - _dot(ab, ac) * _dot(ab, ap)) * across
+    v = (_dot(ac, ac) * _dot(ab, ap) - _dot(ab, ac) * _dot(ac, ap)) * across
+    return np.stack([1 - v - w, v, w], axis=1)
+
+
+def _dot(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(n,) inner products of vectors (n, 3)."""
+    return np.dot(left * right, np.ones(3))
 
 
 _MIN_SHARE = 0.01

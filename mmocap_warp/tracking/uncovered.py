@@ -36,7 +36,8 @@ _JUDGE_INTERVAL = 1 / 30  # seconds between the frames whose final poses are jud
 _CLEAR_AREA = 0.01  # area above the usual that says by itself that a limb is lost [m^2], in a body like a person
 _REPEATED_AREA = 0.006  # the same, where two looks in a row show so much [m^2]
 LASTING_AREA = 0.002
-"""The same, where the area stays for some time [m^2], in a body as large as a person."""
+"""The same, where two looks for lost limbs show the area [m^2], in a body as large as a person."""
+_FINAL_LASTING_AREA = 0.003  # the same, in the median of final looks: a torso that fits badly shows 0.0025 [m^2]
 LARGEST_USUAL_AREA = 0.01
 """More than this near a part is never usual [m^2]: it may be a limb that is wrong in all frames."""
 WIDE_SIGMA = 0.15
@@ -197,7 +198,7 @@ def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarra
     first, last = np.searchsorted(looked, [looked - _LASTING * rate - 0.5, looked + _LASTING * rate + 0.5])
     around = [slice(*ends) for ends in zip(first, last, strict=True)]
     lasting = np.array([np.median(total[looks]) for looks in around])
-    doubtful = stands_out(size, total, repeated, lasting)
+    doubtful = stands_out(size, total, repeated, lasting, _FINAL_LASTING_AREA)
     if is_usual((total > LASTING_AREA * size**2).sum(), len(looked)):
         return np.zeros((frames, area.shape[1]), bool)
     # It is put down to the parts that most of it is near, over the looks around.
@@ -210,10 +211,15 @@ def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarra
     return doubt
 
 
-def stands_out(size: float, area: np.ndarray, repeated: np.ndarray, lasting: np.ndarray) -> np.ndarray:
-    """Whether uncovered areas above the usual say that a limb is lost: of a look, of two in a row, and lasting ones."""
+def stands_out(
+    size: float, area: np.ndarray, repeated: np.ndarray, lasting: np.ndarray, least_lasting: float = LASTING_AREA
+) -> np.ndarray:
+    """Whether uncovered areas above the usual say that a limb is lost: of a look, of two in a row, and lasting ones.
+
+    A lasting area counts above ``least_lasting`` [m^2], in a body as large as a person.
+    """
     large = (area > _CLEAR_AREA * size**2) | (repeated > _REPEATED_AREA * size**2)
-    doubtful: np.ndarray = large | (lasting > LASTING_AREA * size**2)
+    doubtful: np.ndarray = large | (lasting > least_lasting * size**2)
     return doubtful
 
 

@@ -20,7 +20,7 @@ from mmocap_warp.synthesis.any_body import recorded, write_recorded
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.made_recording import Recording
 
-FRAMES = 8
+FRAMES = 6
 
 
 def moving() -> Recording:
@@ -53,10 +53,10 @@ def scene(tmp_path: Path) -> Path:
     return folder
 
 
-def tracked(scene: Path, output: Path, capsys: pytest.CaptureFixture[str]) -> dict:
+def tracked(scene: Path, output: Path, capsys: pytest.CaptureFixture[str], code: int = console.OK) -> dict:
     capsys.readouterr()
     flags = ["--device", "cpu", "--json"]
-    assert cli.main(["track", str(scene), "-o", str(output), *flags]) == console.OK
+    assert cli.main(["track", str(scene), "-o", str(output), *flags]) == code
     return json.loads(capsys.readouterr().out)
 
 
@@ -83,7 +83,8 @@ def test_a_dog_with_a_stick_a_wheel_and_a_block(
 
     text = (scene / "scene.toml").read_text()
     (scene / "scene.toml").write_text(text[: text.index("[[attach]]")])
-    without = tracked(scene, tmp_path / "without.usdc", capsys)
+    # In so few frames a stick that the body lacks is not told from a limb that was lost.
+    without = tracked(scene, tmp_path / "without.usdc", capsys, console.CHECK_FAILED)
     assert told["mpjpe_mm"] < without["mpjpe_mm"]
     assert told["mean_iou"] > without["mean_iou"] + 0.05
 

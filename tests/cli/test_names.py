@@ -20,6 +20,7 @@ from mmocap_warp.formats.toml_table import quoted
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.masks.frames import open_frames
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.whole_file import file_name
 
 HOSTILE = (
@@ -94,6 +95,13 @@ def test_no_command_takes_a_name_that_leads_elsewhere(tmp_path: Path, capsys, re
         assert files(tmp_path) == before
 
 
+@pytest.fixture
+def quickly_judged(monkeypatch) -> None:
+    """Of the masks that are written, those of one frame are compared."""
+    monkeypatch.setattr("mmocap_warp.masks.mask_check._COMPARED_FRAMES", 1)
+
+
+@pytest.mark.usefixtures("quickly_judged")
 @pytest.mark.parametrize("name", ODD)
 def test_odd_names_are_folders_of_that_name(tmp_path: Path, name: str) -> None:
     make_scene(tmp_path)
@@ -118,10 +126,20 @@ def not_utf8(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("quickly_judged")
 def test_images_are_read_in_a_folder_whose_name_is_not_utf8(not_utf8: Path) -> None:
-    assert cli.main(["mask", str(not_utf8), "-o", str(not_utf8.parent / "masks"), "--quiet"]) == OK
-    assert len(list((not_utf8.parent / "masks").rglob("*.png"))) == 9
+    assert len(list(load_scene(not_utf8).masks())) == 3
     assert cli.main(["cameras", str(not_utf8)]) == OK
+
+
+def test_masks_of_such_a_folder_are_refused_before_the_work(not_utf8: Path, capsys) -> None:
+    """Their scene.toml would have to name the folder, and TOML files are UTF-8."""
+    before = files(not_utf8.parent)
+    assert cli.main(["mask", str(not_utf8), "-o", str(not_utf8.parent / "masks")]) == BAD_INPUT
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert r"caf\udce9" in line
+    assert "has a name that is not UTF-8; rename the file or its folder" in line
+    assert files(not_utf8.parent) == before
 
 
 @pytest.mark.parametrize("command", ["mask", "cameras", "track", "fit", "show", "view", "export", "calib check"])

@@ -206,7 +206,7 @@ def test_the_command_tracks_tells_and_goes_on(tmp_path, capsys):
         (["--start", "there"], "given, solved, first-frame, fitted"),
         (["--tracker", "magic"], "h-cmaes"),
         (["--tracker", "pso,evaluation=3"], "evaluations"),
-        (["--tracker", "pso,seed=3"], "whole ablation"),
+        (["--tracker", "pso,seed=3"], "seed holds for all trackers; use --seeds"),
         (["--seeds", "0"], "at least 1"),
         (["--frames", "0"], "at least 1"),
         (["--clip", NAME, "--degrade", "views=8", "--seeds", "1"], "1 to 7"),

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -154,11 +155,10 @@ def test_a_damaged_result_is_told_and_tracked_again(study, whole, copied):
     assert same_answers(copied, whole)
 
 
-def test_a_worker_that_is_killed_is_replaced_and_its_cell_repeated(study, whole, tmp_path, monkeypatch):
-    monkeypatch.setenv("MARK", str(tmp_path / "mark"))
-    notes = []
+def test_a_worker_that_is_killed_is_replaced_and_its_cell_repeated(study, whole, tmp_path):
+    notes, serve = [], partial(serve_and_die_once, tmp_path / "mark")
     tasks = tasks_of(study, tmp_path / "results")[:4]
-    status = run_quietly(tasks, lambda: LocalEngine(["cpu"], 1, serve_and_die_once), notes)
+    status = run_quietly(tasks, lambda: LocalEngine(["cpu"], 1, serve), notes)
     assert (status.finished, status.failures) == (4, {})
     assert len(notes) == 1
     assert "cpu died (killed by SIGKILL); the cell is tried again" in notes[0]

@@ -101,8 +101,8 @@ def test_plenty_at_once_or_little_for_a_while_is_a_lost_limb() -> None:
     assert doubted([*none, 0.0101, *none]) == [7, 8, 9]
     assert doubted([*none, 0.0059, 0.0059, *none]) == []
     assert doubted([*none, 0.0061, 0.0061, *none]) == [7, 8, 9, 10]
-    assert doubted([*none, 0.003, 0.003, 0.003, *none]) == [7, 8, 9, 10, 11]
-    assert doubted([*none, *[0.0019] * 5, *none]) == []
+    assert doubted([*none, 0.0031, 0.0031, 0.0031, *none]) == [7, 8, 9, 10, 11]
+    assert doubted([*none, *[0.0029] * 5, *none]) == []
     assert doubted([0.01] * 14 + [0.0] * 4) == []  # nearly all the time: it is no limb
     assert doubted([0.02] * 7 + [0.0] * 2) != []  # so few looks do not say that
 

@@ -25,6 +25,7 @@ from mmocap_warp.masks.visual_hull import meeting_point, seen_at
 
 _SPACING = 0.03  # metres between the hull's voxels
 _REACH = 1.0  # metres that the voxels reach along each axis from the point where the silhouettes meet
+_BLOCK = 4  # voxels along the edge of a block; the cube has 17 blocks along its own
 _TOP_SHARE = 0.02  # share of a silhouette's pixels that count as its highest
 _SIGMA = 0.04  # metres by which a silhouette's centroid and highest point differ from those of the body
 _MIN_PIXELS = 50  # a view with fewer foreground pixels shows nobody
@@ -52,8 +53,7 @@ def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray:
     # Voxels fill a cube about the point where the silhouettes meet.
     masks = unpack_masks(observation.words, rig.size)
     centre = meeting_point(rig.select(tuple(rig.names[k] for k in seeing)), [masks[k] for k in seeing])
-    axis = np.arange(-_REACH, _REACH + _SPACING, _SPACING)
-    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3) + centre
+    points = _voxels_in_all_but_one(rig, seeing, masks, centre)
     # Voxels outside two silhouettes are in no hull of all views but one, so they are dropped. For the others `misses`
     # is 0 or 1, and `outside_of` names the view that misses them.
     pixels, misses = [], np.zeros(len(points), int)
@@ -70,6 +70,40 @@ def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray:
         hull = (outside_of == k) | (misses == 0)
         share[k] = _covered_share(rig, k, centre, pixels[number][hull], masks[k])
     return share
+
+
+def _voxels_in_all_but_one(
+    rig: CameraRig, seeing: list[int], masks: list[np.ndarray], centre: np.ndarray
+) -> np.ndarray:
+    """Centres (n, 3) of all voxels that may be in the silhouettes of all views but one [m], and of some others.
+
+    Most of the cube is empty, so blocks of voxels are dropped where two views see only background about them.
+    """
+    import cv2
+
+    axis = np.arange(-_REACH, _REACH + _SPACING, _SPACING)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+    middle = (grid[::_BLOCK, ::_BLOCK, ::_BLOCK] + 0.5 * (_BLOCK - 1) * _SPACING).reshape(-1, 3) + centre
+    reach = 0.5 * np.sqrt(3) * _BLOCK * _SPACING
+    misses = np.zeros(len(middle), int)
+    for k in seeing:
+        # A block's pixels are at most `spread` from its middle: both terms of a pixel, numerator and depth, change.
+        matrix = rig.K[k] @ rig.R[k]
+        seen = middle @ matrix.T + rig.K[k] @ rig.t[k]
+        before = seen[:, 2] > 2 * reach
+        depth = np.where(before, seen[:, 2], 1.0)[:, None]
+        row_length = np.linalg.norm(matrix[:2], axis=1)
+        spread = reach * (row_length * depth + np.abs(seen[:, :2])) / (depth * (depth - reach)) + 1.0
+        # How much foreground is in that rectangle tells the sum table of the mask.
+        table, limit = cv2.integral(masks[k].view(np.uint8)), masks[k].shape[::-1]
+        low = np.clip(np.floor(seen[:, :2] / depth - spread), 0, limit).astype(int).T
+        high = np.clip(np.ceil(seen[:, :2] / depth + spread) + 1, 0, limit).astype(int).T
+        count = table[high[1], high[0]] - table[low[1], high[0]] - table[high[1], low[0]] + table[low[1], low[0]]
+        misses += before & (count == 0)
+    kept = (misses <= 1).reshape((len(axis) // _BLOCK,) * 3)
+    for dimension in range(3):
+        kept = np.repeat(kept, _BLOCK, axis=dimension)
+    return grid[kept] + centre
 
 
 def _covered_share(rig: CameraRig, k: int, centre: np.ndarray, pixels: np.ndarray, mask: np.ndarray) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -39,6 +40,18 @@ def local_devices(wanted: str) -> list[str]:
     return devices
 
 
+def _context() -> Any:
+    """How processes are started: never by a fork of this one, whose CUDA context would not survive it.
+
+    On Linux they are forks of a process that has imported what they need and has started nothing.
+    """
+    if sys.platform != "linux":
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["mmocap_warp.study.job"])
+    return context
+
+
 @dataclass
 class _Seat:
     """A device and the process that works on it now."""
@@ -62,7 +75,7 @@ class LocalEngine:
     def __init__(
         self, devices: Sequence[str], threads: int | None = None, serve: Callable[..., Any] | None = None
     ) -> None:
-        self._context = multiprocessing.get_context("spawn")  # a CUDA context does not survive a fork
+        self._context = _context()
         self._threads, self._serve = threads, serve or serve_jobs
         self._seats: dict[int, _Seat] = {}
         for worker, device in enumerate(devices):

@@ -198,7 +198,7 @@ def test_missing_files_are_named(tmp_path, asf):
         read_clip(tmp_path / "no.bvh")
     with pytest.raises(InputError, match=r"other\.asf"):
         read_clip(asf, tmp_path / "other.asf")
-    with pytest.raises(InputError, match="no skeleton"):
+    with pytest.raises(InputError, match="takes neither --skeleton nor --markers; leave them out"):
         read_clip(tmp_path / "walk.bvh", asf)
     with pytest.raises(InputError, match=r"has the ending '\.fbx'"):
         read_clip(tmp_path / "walk.fbx")

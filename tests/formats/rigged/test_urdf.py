@@ -75,7 +75,7 @@ def test_meshes_are_found_by_their_last_parts_in_the_named_folder_alone(tmp_path
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('<!DOCTYPE r [<!ENTITY a "aaaa">]><robot name="x">&a;</robot>', "defines entities"),
+        ('<!DOCTYPE r [<!ENTITY a "aaaa">]><robot name="x">&a;</robot>', "defines XML entities"),
         ("<robot", "is not XML"),
         ("<house/>", "not <robot>"),
         ('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="a"/></robot>', "xacro template"),

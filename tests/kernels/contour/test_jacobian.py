@@ -13,6 +13,7 @@ from synthetic import ring_rig, synthetic_body
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.kernels.contour.jacobian import LENS, OWN
 from mmocap_warp.synthesis.exact_posing import ExactPoser
@@ -113,9 +114,25 @@ def test_rows_of_edges_that_do_not_count_are_left_alone(device):
         assert np.isnan(others).all()
 
 
+def lens_image(rig: CameraRig, k: int, points: np.ndarray, column: int, step: float) -> np.ndarray:
+    """(n, 2) [px] of points in a camera of which one parameter of the lens is changed by a step."""
+    K = rig.K.copy()
+    if column == 0:  # the logarithm of both focal lengths
+        K[k, [0, 1], [0, 1]] *= np.exp(step)
+    elif column < 3:  # the principal point
+        K[k, column - 1, 2] += step
+    image = image_of(replace(rig, K=K), k, points)
+    if column < 3:
+        return image
+    # The first radial coefficient scales the offset from the principal point by 1 + k1 r^2.
+    offset = image - K[k, :2, 2]
+    r2 = ((offset / (K[k, 0, 0], K[k, 1, 1])) ** 2).sum(axis=1, keepdims=True)
+    return K[k, :2, 2] + offset * (1 + step * r2)
+
+
 @pytest.mark.parametrize("name", BODIES)
 def test_the_lens_of_each_camera(device, name):
-    """The logarithm of both focal lengths, the principal point, and larger masks; other columns keep their bits."""
+    """Focal length, principal point, radial distortion and larger masks; other columns keep their bits."""
     body = BODIES[name]
     case, without = case_of(body, device, own=OWN), case_of(body, device)
     searched = len(case.index)
@@ -129,12 +146,7 @@ def test_the_lens_of_each_camera(device, name):
         for column in range(LENS):
             sides = []
             for step in (h, -h):
-                K = case.rig.K.copy()
-                if column == 0:
-                    K[k, [0, 1], [0, 1]] *= np.exp(step)
-                else:
-                    K[k, column - 1, 2] += step
-                sides.append((image_of(replace(case.rig, K=K), k, middle) * normal).sum(axis=1))
+                sides.append((lens_image(case.rig, k, middle, column, step) * normal).sum(axis=1))
             expected = (sides[0] - sides[1]) / (2 * h)
             scale = max(np.abs(expected).max(), 1.0)
             np.testing.assert_allclose(rows[:, searched + column], expected, atol=NEAR * scale)

@@ -1,15 +1,15 @@
 """The public names and where they are defined: read by type checkers, and by the package when a name is first used."""
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.calibration.board.solution import BoardCalibration
+from mmocap_warp.calibration.board.board_cameras import BoardCalibration
 from mmocap_warp.calibration.camera_check import CameraCheck
 from mmocap_warp.calibration.refine.refinement import Refinement
 from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.solution import SolvedCameras
 from mmocap_warp.calibration.sync.synchronise import Synchronisation
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.commands.bodies import export_body, import_body, learn_body, show_body
 from mmocap_warp.commands.boards import calibrate_board, print_board
+from mmocap_warp.commands.bodies import export_body, import_body, learn_body, show_body
 from mmocap_warp.commands.calibrate import (
     check_cameras,
     convert_cameras,

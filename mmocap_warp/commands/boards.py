@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from mmocap_warp.calibration.board.board_cameras import BoardCalibration, calibrate_from_board, detect_board, on_floor
 from mmocap_warp.calibration.board.pattern import Board
-from mmocap_warp.calibration.board.solution import BoardCalibration, calibrate_from_board, detect_board, on_floor
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.commands.caller import Reporter, arguments_checked
 from mmocap_warp.commands.outputs import new_file, releases_locks

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from made_board import board_course, board_rig, in_world_of, render_board
 
+from mmocap_warp.calibration.board.board_cameras import Detections, calibrate_from_board, detect_board
 from mmocap_warp.calibration.board.pattern import Board
-from mmocap_warp.calibration.board.solution import Detections, calibrate_from_board, detect_board
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cli import main
 from mmocap_warp.cli.console import OK, USAGE

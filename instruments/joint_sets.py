@@ -29,8 +29,8 @@ _SMALL = 0.004  # weights below this are left out of a regression
 # Left and middle landmarks: where a ray leaves the skin. It starts at a joint, moved in body axes [body heights], and
 # goes in a direction of the joint's axes.
 _RAYS: dict[str, tuple[str, tuple[float, float, float], tuple[float, float, float]]] = {
-    "LLateralHumeralEpicondyle": ("LElbow", (0.0, 0.0, 0.006), (0.0, 1.0, 0.0)),
-    "LMedialHumeralEpicondyle": ("LElbow", (0.0, 0.0, 0.006), (0.0, -1.0, 0.0)),
+    "LLateralHumeralEpicondyle": ("LElbow", (-0.007, 0.007, 0.010), (0.0, 1.0, 0.0)),
+    "LMedialHumeralEpicondyle": ("LElbow", (-0.007, 0.007, 0.010), (0.0, -1.0, 0.0)),
     "LRadialStyloid": ("LWrist", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     "LUlnarStyloid": ("LWrist", (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)),
     "LLateralFemoralEpicondyle": ("LKnee", (0.0, 0.012, -0.003), (1.0, 0.0, 0.0)),
@@ -163,9 +163,9 @@ def centres(vertex: dict[str, int]) -> dict[str, Terms]:
         "Wrist": middle("LRadialStyloid", "LUlnarStyloid"),
         "Knee": middle("LLateralFemoralEpicondyle", "LMedialFemoralEpicondyle"),
         "Ankle": middle("LLateralMalleolus", "LMedialMalleolus"),
-        # People who mark images click the middle of what they see of the hip, above the femur's head, and the shoulder
-        # between its top and the joint.
-        "SeenHip": mean({"LASIS": 1.0}, {"LPSIS": 1.0}, {"LTrochanter": 1.0}, hip),
+        # People who mark images click the hip between the femur's head and the pelvis's crest, and the shoulder between
+        # its top and its centre. These two rules were chosen knowing the offsets on scenes/balancing.
+        "SeenHip": mean(middle("LASIS", "LPSIS"), hip),
         "SeenShoulder": mean({"LAcromion": 1.0}, shoulder),
         **{name: {f"L{name}": 1.0} for name in ("Eye", "Ear", "BigToe", "SmallToe", "Heel")},
     }

@@ -75,6 +75,10 @@ class JointSet:
             places[block, ~rigid] = weight @ skin + self.joint_weight[~rigid] @ world[:, :, :3, 3]
         return places
 
+    def of_runs(self, subject: Subject, pose: np.ndarray) -> np.ndarray:
+        """The points for poses (run, frame, coordinate): (run, frame, point, 3) float64 [m]."""
+        return self.positions(subject, pose.reshape(-1, pose.shape[2])).reshape(*pose.shape[:2], -1, 3)
+
     def axes(self, body: BodyModel) -> np.ndarray:
         """(point,) int, the joint in whose axes each point's offset is constant: its counterpart's parent, or its own.
 

@@ -157,11 +157,9 @@ class Result:
         """
         from mmocap_warp.body.posing import joint_positions  # Warp, which reading a result does not need
 
-        poses = self.pose.reshape(-1, self.pose.shape[2])
-        if joint_set == RIG:
-            centres = joint_positions(self.subject, poses)
-        else:
-            centres = set_named(joint_set, self.subject.body).positions(self.subject, poses)
+        if joint_set != RIG:
+            return set_named(joint_set, self.subject.body).of_runs(self.subject, self.pose)
+        centres = joint_positions(self.subject, self.pose.reshape(-1, self.pose.shape[2]))
         return centres.reshape(*self.pose.shape[:2], -1, 3)
 
     def joint_names(self, joint_set: str | Path = RIG) -> tuple[str, ...]:

@@ -142,6 +142,7 @@ def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> An
     frames=ResultFrames,
     up=Annotated[Literal["y", "z"] | None, Parameter(show_choices=False)],
     rig=Literal["mixamo"] | None,
+    joint_set=Given(str, "rig"),
 )
 def export(call: Any, output: Path) -> Answer:
     written = call()

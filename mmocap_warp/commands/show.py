@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from mmocap_warp.body.joint_sets import RIG
+from mmocap_warp.body.joint_sets import joint_set as set_named
 from mmocap_warp.body.model import Subject
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
@@ -237,6 +239,7 @@ def export(
     fps: float | None = None,
     up: Literal["y", "z"] | None = None,
     rig: str | None = None,
+    joint_set: str | Path = "rig",
     bake: bool = False,
     force: bool = False,
 ) -> Export:
@@ -254,6 +257,7 @@ def export(
         up: turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
             [default: the result's own, or the format's]
         rig: name and bind the body as this rig, in its rest pose.
+        joint_set: tables of points only: whose joints they hold, as eval takes it.
         bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
         force: replace files that exist.
 
@@ -264,14 +268,18 @@ def export(
     output = Path(output)
     new_file(output, *table.EXPORT_SUFFIXES, force=force or run == "all")
     _check_format(output, up, bake)
+    if joint_set != RIG and not table.export_format(output).takes_joint_set:
+        fitting = ", ".join(ending for each in table.EXPORTS if each.takes_joint_set for ending in each.suffixes)
+        raise UsageError(f"--joint-set cannot be in {output.suffix}; end the output in one of {fitting}")
     tracked, _ = result_from(result)
+    points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     files = _files(output, run, len(tracked.pose), tracked.best_run)
     for file in files:
         new_file(file, *table.EXPORT_SUFFIXES, force=force)
     start_warp()
     for file, number in files.items():
         chosen = _chosen(of_run(tracked, number), raw, frames, fps, rig, up)
-        table.export(chosen, file, table.POINT_CACHES if bake else table.EXPORTS)
+        table.export(chosen, file, table.POINT_CACHES if bake else table.EXPORTS, points)
     vertical = table.export_format(output).up or chosen.cameras.up
     return Export(tuple(files), len(chosen.frame_numbers), chosen.rate, vertical)
 

@@ -224,7 +224,27 @@ def sets(of: dict[str, Terms]) -> dict[str, dict[str, Point]]:
         "Head": ({"HeadTop": 1.0}, "Neck", ""),
     }
     h36m = {name: middles.get(name) or side(name.replace("Foot", "Ankle"), of) for name in _H36M.split()}
-    return {"isb": isb, "coco17": coco, "body25": body25, "h36m17": h36m}
+    middles = {
+        "Pelvis": (both("Hip", of), "Root", "Root"),
+        "Neck": (mean({"C7": 1.0}, {"Jugular": 1.0}), "UpperSpine", "Neck"),
+        "HeadTop": ({"HeadTop": 1.0}, "Neck", ""),
+    }
+    humaneva = middles | {name: side(name, of) for name in limbs}
+    soma = {name: _own(name, joint) for name, joint in _SOMA.items()} | {"HeadEnd": middles["HeadTop"]}
+    for word, letter in (("Left", "L"), ("Right", "R")):
+        soma |= {f"{word}{name}": _own(name, f"{letter}{joint}") for name, joint in _SOMA_LIMB.items()}
+        soma |= {f"{word}Eye": side(f"{letter}Eye", of), f"{word}ToeEnd": side(f"{letter}BigToe", of)}
+    return {"isb": isb, "coco17": coco, "body25": body25, "h36m17": h36m, "humaneva": humaneva, "soma77": soma}
+
+
+# SOMA's joints that the body has, at the rig's own places, but for the eyes, the top of the head and the toes.
+_SOMA = {"Root": "Root", "Hips": "Root", "Spine1": "BottomSpine", "Chest": "UpperSpine", "Neck1": "Neck"}
+_SOMA_LIMB = {"Arm": "Shoulder", "ForeArm": "Elbow", "Hand": "Wrist", "Leg": "Hip", "Shin": "Knee", "Foot": "Ankle"}
+
+
+def _own(name: str, joint: str) -> Point:
+    """A point that is a joint of the body, under another name."""
+    return {joint: 1.0}, joint, "" if name == "Root" else joint
 
 
 def table(points: dict[str, Point], vertex: dict[str, int], vertices: int) -> str:

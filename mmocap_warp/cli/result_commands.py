@@ -126,7 +126,7 @@ def show(call: Any, result: Path) -> Answer:
     return Answer(values, lines)
 
 
-@command("show:view", order="output images rerun scene", truth=None, name=None)
+@command("show:view", order="output images rerun scene", truth=None, name=None, joint_set=Given(str, "rig"))
 def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> Answer:
     page = output or result.with_suffix(".html")
     shown = call(output=page)
@@ -151,7 +151,7 @@ def export(call: Any, output: Path) -> Answer:
     return Answer(values, [f"{file}: {frames}" for file in written.files])
 
 
-@command("evaluate:measure", order="output run raw frames", frames=ResultFrames)
+@command("evaluate:measure", order="output run raw frames", frames=ResultFrames, joint_set=Given(str, "rig"))
 def measure(call: Any, output: Path | None) -> Answer:
     from mmocap_warp.biomechanics.measure_tables import report
 

@@ -136,6 +136,7 @@ def measure(
     *,
     output: str | Path | None = None,
     frames: Frames = None,
+    joint_set: str | Path = "rig",
     force: bool = False,
 ) -> Measures:
     """Joint angles, heel strikes, steps, the centre of mass and the lengths of the bones, of every frame.
@@ -147,6 +148,7 @@ def measure(
         sex: whose shares of mass the body's segments have: female or male. [default: the mean of both]
         output: a folder for every frame's figures as .csv, and plots of angles and feet as .svg.
         frames: which of the result's frames. [default: all]
+        joint_set: whose points the table of joints and the lengths of bones have, as eval takes it; angles stay.
         force: write into a folder that holds something.
 
     Returns:
@@ -162,9 +164,10 @@ def measure(
     if raw and tracked.raw_pose is None:
         raise UsageError("--raw needs a result that was smoothed; this one was not: leave --raw out")
     folder = None if output is None else new_folder(output, force=force)
+    points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     start_warp()
     with arguments_checked():
-        measures = measure_all.measure(tracked, run, raw, sex)
+        measures = replace(measure_all.measure(tracked, run, raw, sex), joint_set=points)
     return measures if folder is None else replace(measures, files=tuple(_write(folder, measures)))
 
 

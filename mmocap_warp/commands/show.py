@@ -169,6 +169,7 @@ def view(
     *,
     truth: Truth | str | Path | None = None,
     images: bool = False,
+    joint_set: str | Path = "rig",
     name: str | None = None,
     output: str | Path | None = None,
     rerun: str | Path | None = None,
@@ -184,6 +185,7 @@ def view(
         scene: the scene, if it is no longer where the result says.
         truth: what errors are measured from. [default: the scene's own]
         images: show the recording's images too, not its masks alone.
+        joint_set: also show the points of a set, as eval takes it, with the skeleton.
         name: the page's title. [default: the scene's name]
         output: the page's file, .html. The command writes it beside the result unless it is named.
         rerun: also write the best run as a recording of Rerun's, .rrd; it needs the package rerun-sdk.
@@ -199,13 +201,16 @@ def view(
     tracked, path = result_from(result)
     recorded = scene_of(tracked, path, scene, reporter)
     known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
+    points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     start_warp()
     if recording is not None:
         write_rerun(recording, tracked, recorded, known)
     if name is None:
         name = recorded.name if recorded is not None else "Tracked motion" if path is None else path.stem
     with reporter.stage("view") as progress:
-        shown = viewer.view(tracked, recorded, truth=known, images=images, name=name, progress=progress)
+        shown = viewer.view(
+            tracked, recorded, truth=known, images=images, joint_set=points, name=name, progress=progress
+        )
     if page is not None:
         shown.write(page)
     return shown

@@ -18,6 +18,7 @@ from mmocap_warp.biomechanics.joint_angles import (
 )
 from mmocap_warp.biomechanics.segments import Sex, centre_of_mass, skin_place
 from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor, walking
+from mmocap_warp.body.joint_sets import JointSet
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.result.result import Result
@@ -30,9 +31,15 @@ class Length(NamedTuple):
     sigma: float
 
 
-def bone_lengths(subject: Subject) -> dict[str, Length]:
-    """From each joint's centre to that of the joint above it, named after both, such as ``LHip to LKnee``."""
+def bone_lengths(subject: Subject, joint_set: JointSet | None = None) -> dict[str, Length]:
+    """From each joint's centre to that of the joint above it, named after both, such as ``LHip to LKnee``.
+
+    The points of a set stand for the joints that they are other definitions of.
+    """
     skeleton, place = subject.body.skeleton, subject.body.joint_rest.astype(float)
+    if joint_set is not None:
+        stand = joint_set.counterpart >= 0
+        place[joint_set.counterpart[stand]] = joint_set.at_rest(subject.body)[stand]
     # Standard deviations by a bone's lower joint. A fit names both sides: `body.bone.LKnee+RKnee.sigma`.
     start, end = "body.bone.", ".sigma"
     sigma = {
@@ -87,6 +94,7 @@ class Measures:
         left_out: what the body has no joints for.
         held: a person's angles that the model does not search, and which are left out, such as ``LElbow pronation``.
         files: the tables and plots that were written.
+        joint_set: whose points the table of joints and the lengths have; None for the body's own joints.
     """
 
     result: Result
@@ -96,6 +104,7 @@ class Measures:
     left_out: tuple[str, ...]
     held: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
+    joint_set: JointSet | None = None
 
     @property
     def seconds(self) -> np.ndarray:
@@ -111,7 +120,7 @@ class Measures:
     @cached_property
     def lengths(self) -> dict[str, Length]:
         """Lengths of the bones from joint centre to joint centre, named after both."""
-        return bone_lengths(self.result.subject)
+        return bone_lengths(self.result.subject, self.joint_set)
 
 
 def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex | None = None) -> Measures:

@@ -71,9 +71,14 @@ def _frame_table(measures: Measures, columns: list[Columns]) -> tuple[list[str],
 def _columns(measures: Measures, run: RunMeasures) -> dict[str, Columns]:
     """The columns of each table of every frame, by the table's name."""
     joints: Columns = {}
-    for number, joint in enumerate(measures.result.subject.body.skeleton.joints):
-        joints |= _axes(f"{joint}.", "_m", run.joints[:, number])
-        if run.joint_sigma is not None:
+    names, places, points = measures.result.subject.body.skeleton.joints, run.joints, measures.joint_set
+    if points is not None:
+        raw = measures.result.raw_pose if measures.raw else None
+        pose = measures.result.pose if raw is None else raw
+        names, places = points.names, points.positions(measures.result.subject, pose[run.run])
+    for number, joint in enumerate(names):
+        joints |= _axes(f"{joint}.", "_m", places[:, number])
+        if points is None and run.joint_sigma is not None:
             joints |= _axes(f"{joint}.", "_sigma_m", run.joint_sigma[:, number])
     contacts: Columns = {}
     for side, foot in run.feet.items():

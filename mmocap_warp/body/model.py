@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -60,6 +60,7 @@ class BodyModel:
         marker_vertex: (marker,) int32, their full-mesh vertices.
         attribution: where the shape comes from and under which licence.
         rigid: whether bones' lengths, girths and scale are known, as a robot's are: only poses are solved for.
+        joint_sets: tables of further joint sets, texts by name; see :mod:`mmocap_warp.body.joint_sets`.
     """
 
     name: str
@@ -75,6 +76,7 @@ class BodyModel:
     marker_vertex: np.ndarray
     attribution: str
     rigid: bool = False
+    joint_sets: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         joints, models = len(self.skeleton.joints), " or ".join(map(str, self.skeleton.models))

@@ -94,12 +94,23 @@ def demo(call: Any, example: str) -> Answer:
     return Answer({**values, "error_ok": shown.good}, lines, OK if shown.good else CHECK_FAILED)
 
 
-@command("evaluate:evaluate", frames=ResultFrames)
-def evaluate(call: Any) -> Answer:
+@command("evaluate:evaluate", frames=ResultFrames, joint_set=Given(str, "rig"))
+def evaluate(call: Any, joint_set: str) -> Answer:
     report = call()
     good = report["verdict"]["holds"] and report.get("other_world") is None
     step = report["verdict"]["next"]
-    return Answer(report, [summary(report), *([f"next: {step}"] if step else [])], OK if good else CHECK_FAILED)
+    by_joint = [] if joint_set == "rig" or "by_joint" not in report else [_by_joint(report["by_joint"])]
+    lines = [summary(report), *by_joint, *([f"next: {step}"] if step else [])]
+    return Answer(report, lines, OK if good else CHECK_FAILED)
+
+
+def _by_joint(errors: dict[str, dict[str, float | None]]) -> str:
+    """A row for each joint: its median error, its constant offset, and what is left without that."""
+    rows = [
+        (name, *(_number(of[key], ".1f") for key in ("median_mm", "offset_mm", "left_mm")))
+        for name, of in errors.items()
+    ]
+    return table([("joint", "median [mm]", "offset [mm]", "left [mm]"), *rows])
 
 
 @command("show:show", order="output scene whole slow deviations strip", result=Path, frames=ResultFrames)
@@ -115,7 +126,7 @@ def show(call: Any, result: Path) -> Answer:
     return Answer(values, lines)
 
 
-@command("show:view", order="output images rerun scene", truth=None, name=None)
+@command("show:view", order="output images rerun scene", truth=None, name=None, joint_set=Given(str, "rig"))
 def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> Answer:
     page = output or result.with_suffix(".html")
     shown = call(output=page)
@@ -131,6 +142,7 @@ def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> An
     frames=ResultFrames,
     up=Annotated[Literal["y", "z"] | None, Parameter(show_choices=False)],
     rig=Literal["mixamo"] | None,
+    joint_set=Given(str, "rig"),
 )
 def export(call: Any, output: Path) -> Answer:
     written = call()
@@ -139,7 +151,7 @@ def export(call: Any, output: Path) -> Answer:
     return Answer(values, [f"{file}: {frames}" for file in written.files])
 
 
-@command("evaluate:measure", order="output run raw frames", frames=ResultFrames)
+@command("evaluate:measure", order="output run raw frames", frames=ResultFrames, joint_set=Given(str, "rig"))
 def measure(call: Any, output: Path | None) -> Answer:
     from mmocap_warp.biomechanics.measure_tables import report
 

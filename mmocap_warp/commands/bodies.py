@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.body.joint_sets import parse_joint_set
 from mmocap_warp.body.model import BodyModel, BodyMotion, motion_named
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.commands.caller import arguments_checked
@@ -28,6 +29,7 @@ from mmocap_warp.rigging.importing.imported import Imported, body_from_file, imp
 from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_joints_file
 from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.rigging.start_poses import learnt
+from mmocap_warp.whole_file import read_text
 
 
 @dataclass(frozen=True, repr=False)
@@ -74,6 +76,7 @@ def import_body(
     joints: str | Path | None = None,
     write_joints: str | Path | None = None,
     meshes: str | Path | None = None,
+    joint_set: str | Path | None = None,
     name: str | None = None,
     attribution: str | None = None,
     force: bool = False,
@@ -91,6 +94,7 @@ def import_body(
         joints: a .toml file that says how joints turn; what it leaves out is derived.
         write_joints: write how joints turn to this .toml file, to be edited and given as joints.
         meshes: the folder of a robot's meshes. [default: its file's own]
+        joint_set: a .toml table of further joints, which the body carries under that file's name.
         name: the body's name. [default: the output's name without ending]
         attribution: who made it, and under which licence. [default: what the file says]
         force: replace files that exist.
@@ -134,6 +138,10 @@ def import_body(
         raise InputError(file, str(error), "change the file, or say how joints are with --joints") from None
     if attribution is not None:
         made = replace(made, body=replace(made.body, attribution=attribution))
+    if joint_set is not None:
+        text = read_text(joint_set, "give a TOML text file")
+        parse_joint_set(text, made.body, Path(joint_set))
+        made = replace(made, body=replace(made.body, joint_sets={Path(joint_set).stem: text}))
     write_body(target, made.body, made.motions)
     if joints_target is not None:
         write_joints_file(joints_target, made.body, made.freedom)

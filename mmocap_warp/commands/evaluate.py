@@ -9,6 +9,8 @@ from typing import Any, Literal
 from mmocap_warp.biomechanics import measure_all
 from mmocap_warp.biomechanics.measure_all import Measures
 from mmocap_warp.biomechanics.measure_tables import write_tables
+from mmocap_warp.body.joint_sets import RIG, JointSet
+from mmocap_warp.body.joint_sets import joint_set as set_named
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_folder, releases_locks
@@ -30,6 +32,7 @@ def evaluate(
     truth_axes: str = "xyz",
     scene: Scene | str | Path | None = None,
     frames: Frames = None,
+    joint_set: str | Path = "rig",
     reporter: Reporter | None = None,
 ) -> dict[str, Any]:
     """How good a result is: overlap with the masks, and errors in millimetres where the truth is known.
@@ -42,6 +45,8 @@ def evaluate(
         truth_axes: of a .trc: which of its axes are the world's x, y and z, such as zxy.
         scene: the scene, if it is no longer where the result says.
         frames: which of the result's frames. [default: all]
+        joint_set: by which definitions joints are compared: rig, isb, coco17, body25, h36m17, humaneva, coco-anny, or a
+            .toml file.
         reporter: who is told of warnings.
 
     Returns:
@@ -62,7 +67,8 @@ def evaluate(
         truth = load_truth(file, truth_axes)
     start_warp()
     tracked = tracked.at(positions)
-    report, fault = _judged(tracked, truth, file, truth_axes, named_by)
+    points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
+    report, fault = _judged(tracked, truth, file, truth_axes, named_by, points)
     report["verdict"] = verdict(tracked, None if recorded is None else recorded.path)
     if fault is not None:
         (reporter or Reporter()).warn(f"check failed: {fault}")
@@ -81,11 +87,16 @@ def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str
 
 
 def _judged(
-    result: Result, truth: Truth | None, file: Path | None, axes: str, named_by: str
+    result: Result,
+    truth: Truth | None,
+    file: Path | None,
+    axes: str,
+    named_by: str,
+    joint_set: JointSet | None = None,
 ) -> tuple[dict[str, Any], str | None]:
     """The report, and a line where the truth, which ``file`` holds, is in another world."""
     try:
-        report = evaluation.evaluate(result, truth)
+        report = evaluation.evaluate(result, truth, joint_set)
     except InputError as error:
         raise InputError(file or error.source, error.problem, error.remedy) from None
     in_one_world = report.get("other_world") is None
@@ -125,6 +136,7 @@ def measure(
     *,
     output: str | Path | None = None,
     frames: Frames = None,
+    joint_set: str | Path = "rig",
     force: bool = False,
 ) -> Measures:
     """Joint angles, heel strikes, steps, the centre of mass and the lengths of the bones, of every frame.
@@ -136,6 +148,7 @@ def measure(
         sex: whose shares of mass the body's segments have: female or male. [default: the mean of both]
         output: a folder for every frame's figures as .csv, and plots of angles and feet as .svg.
         frames: which of the result's frames. [default: all]
+        joint_set: whose points the table of joints and the lengths of bones have, as eval takes it; angles stay.
         force: write into a folder that holds something.
 
     Returns:
@@ -151,9 +164,10 @@ def measure(
     if raw and tracked.raw_pose is None:
         raise UsageError("--raw needs a result that was smoothed; this one was not: leave --raw out")
     folder = None if output is None else new_folder(output, force=force)
+    points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     start_warp()
     with arguments_checked():
-        measures = measure_all.measure(tracked, run, raw, sex)
+        measures = replace(measure_all.measure(tracked, run, raw, sex), joint_set=points)
     return measures if folder is None else replace(measures, files=tuple(_write(folder, measures)))
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from mmocap_warp.body.joint_sets import RIG
+from mmocap_warp.body.joint_sets import joint_set as set_named
 from mmocap_warp.body.model import Subject
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
@@ -167,6 +169,7 @@ def view(
     *,
     truth: Truth | str | Path | None = None,
     images: bool = False,
+    joint_set: str | Path = "rig",
     name: str | None = None,
     output: str | Path | None = None,
     rerun: str | Path | None = None,
@@ -182,6 +185,7 @@ def view(
         scene: the scene, if it is no longer where the result says.
         truth: what errors are measured from. [default: the scene's own]
         images: show the recording's images too, not its masks alone.
+        joint_set: also show the points of a set, as eval takes it, with the skeleton.
         name: the page's title. [default: the scene's name]
         output: the page's file, .html. The command writes it beside the result unless it is named.
         rerun: also write the best run as a recording of Rerun's, .rrd; it needs the package rerun-sdk.
@@ -197,13 +201,16 @@ def view(
     tracked, path = result_from(result)
     recorded = scene_of(tracked, path, scene, reporter)
     known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
+    points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     start_warp()
     if recording is not None:
         write_rerun(recording, tracked, recorded, known)
     if name is None:
         name = recorded.name if recorded is not None else "Tracked motion" if path is None else path.stem
     with reporter.stage("view") as progress:
-        shown = viewer.view(tracked, recorded, truth=known, images=images, name=name, progress=progress)
+        shown = viewer.view(
+            tracked, recorded, truth=known, images=images, joint_set=points, name=name, progress=progress
+        )
     if page is not None:
         shown.write(page)
     return shown
@@ -237,6 +244,7 @@ def export(
     fps: float | None = None,
     up: Literal["y", "z"] | None = None,
     rig: str | None = None,
+    joint_set: str | Path = "rig",
     bake: bool = False,
     force: bool = False,
 ) -> Export:
@@ -254,6 +262,7 @@ def export(
         up: turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
             [default: the result's own, or the format's]
         rig: name and bind the body as this rig, in its rest pose.
+        joint_set: tables of points only: whose joints they hold, as eval takes it.
         bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
         force: replace files that exist.
 
@@ -264,14 +273,18 @@ def export(
     output = Path(output)
     new_file(output, *table.EXPORT_SUFFIXES, force=force or run == "all")
     _check_format(output, up, bake)
+    if joint_set != RIG and not table.export_format(output).takes_joint_set:
+        fitting = ", ".join(ending for each in table.EXPORTS if each.takes_joint_set for ending in each.suffixes)
+        raise UsageError(f"--joint-set cannot be in {output.suffix}; end the output in one of {fitting}")
     tracked, _ = result_from(result)
+    points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     files = _files(output, run, len(tracked.pose), tracked.best_run)
     for file in files:
         new_file(file, *table.EXPORT_SUFFIXES, force=force)
     start_warp()
     for file, number in files.items():
         chosen = _chosen(of_run(tracked, number), raw, frames, fps, rig, up)
-        table.export(chosen, file, table.POINT_CACHES if bake else table.EXPORTS)
+        table.export(chosen, file, table.POINT_CACHES if bake else table.EXPORTS, points)
     vertical = table.export_format(output).up or chosen.cameras.up
     return Export(tuple(files), len(chosen.frame_numbers), chosen.rate, vertical)
 

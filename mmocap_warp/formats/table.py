@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from mmocap_warp.errors import InputError, UsageError
 
 if TYPE_CHECKING:
+    from mmocap_warp.body.joint_sets import JointSet
     from mmocap_warp.cameras.rig import CameraRig
     from mmocap_warp.formats.datasets.dataset_scene import DatasetScene
     from mmocap_warp.result.result import Result
@@ -36,6 +37,7 @@ class Format:
     open_units: bool = False  # of a calibration: whether neither its files nor its writers' custom say its unit
     open_sizes: bool = False  # of a calibration: whether it may leave out how large the images are
     beside: tuple[str, ...] = ()  # names of further files that a calibration of it is written to
+    takes_joint_set: bool = False  # of an export: whether it may hold the points of a joint set
     lenses: str = ""  # of a calibration that may lack the cameras' places: the function that reads such a file
 
     def matches(self, path: Path) -> bool:
@@ -104,12 +106,13 @@ EXPORTS: tuple[Format, ...] = (
     Format("USD", (".usda", ".usdc", ".usdz"), "usd.usd_result:export_animation"),
     Format("glTF", (".glb",), "exports.glb:write_glb", up="+y"),
     Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
-    Format("OpenSim markers", (".trc",), "exports.tables:write_trc", up="+y"),
+    Format("OpenSim markers", (".trc",), "exports.tables:write_trc", up="+y", takes_joint_set=True),
     Format("OpenSim motion", (".mot",), "exports.tables:write_mot", up="+y"),
-    Format("C3D", (".c3d",), "exports.tables:write_c3d"),
-    Format("CSV", (".csv",), "exports.tables:write_csv"),
-    Format("Parquet", (".parquet",), "exports.tables:write_parquet"),
-    Format("NumPy", (".npz",), "exports.tables:write_npz"),
+    Format("C3D", (".c3d",), "exports.tables:write_c3d", takes_joint_set=True),
+    Format("CSV", (".csv",), "exports.tables:write_csv", takes_joint_set=True),
+    Format("Parquet", (".parquet",), "exports.tables:write_parquet", takes_joint_set=True),
+    Format("JSON", (".json",), "exports.tables:write_json", takes_joint_set=True),
+    Format("NumPy", (".npz",), "exports.tables:write_npz", takes_joint_set=True),
 )
 """Their functions are called as :func:`export` is."""
 
@@ -215,15 +218,20 @@ def calibration_export(path: Path) -> Format:
     return _format_of(CALIBRATION_EXPORTS, path)
 
 
-def export(result: Result, path: Path, formats: tuple[Format, ...] = EXPORTS) -> None:
+def export(
+    result: Result, path: Path, formats: tuple[Format, ...] = EXPORTS, joint_set: JointSet | None = None
+) -> None:
     """Write the animation of a result's best run in that one of some formats that the file's ending names.
+
+    A joint set is for formats that take one.
 
     A format with a vertical of its own has the world turned to it, as :func:`mmocap_warp.result.excerpt.stood_up` does.
     """
     from mmocap_warp.result.excerpt import stood_up
 
     format = _format_of(formats, path)
-    format.load()(result if format.up is None else stood_up(result, format.up), path)
+    points = {} if joint_set is None else {"joint_set": joint_set}
+    format.load()(result if format.up is None else stood_up(result, format.up), path, **points)
 
 
 def export_format(path: Path) -> Format:

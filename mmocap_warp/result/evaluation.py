@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from mmocap_warp.body.joint_sets import RIG, JointSet
+from mmocap_warp.body.joint_sets import joint_set as set_named
 from mmocap_warp.result.marker_errors import marker_errors
 from mmocap_warp.result.other_world import other_world
 from mmocap_warp.result.pose_errors import (
@@ -31,7 +33,7 @@ _Series = dict[str, np.ndarray]  # a number for each frame, or each run, by name
 _COUNTED = ("lost", "partial", "rescued", "interpolated", "repeated")
 
 
-def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
+def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | None = None) -> dict[str, Any]:
     """Evaluate a result; numbers over several runs are means of the runs' numbers, except the worst and the medians.
 
     Without truth: ``frames``, ``runs``, the frames in which some run is ``lost``, ``partial``, ``rescued``,
@@ -43,15 +45,17 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     length of a joint's three), ``sigma_deg_by_angle`` and, where joints slide, ``sigma_mm_by_shift``.
 
     With truth also, over the frames that have it at their time: ``truth_frames``; over the joints of the skeleton's
-    ``evaluation_groups``, of a person the limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after
-    the best similarity transform of each frame, ``median_joint_mm`` (all), ``median_mm_by_joint`` and
-    ``median_mm_by_group`` over frames and runs, ``median_joint_offsets_removed_mm`` the median once each joint's
-    constant offset in its parent's axes is taken out, ``growth`` the mean distance of the last third of these frames
-    over that of the first, and ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over
-    200 mm off. ``wrongly_tracked``: frames in which this holds, or the root is that far off, for a run that calls them
-    tracked. ``median_mm_by_attached``: of things that are attached and that the truth names, where there are any.
-    ``near_tracked``: of the frames in which all of these joints are within 50 mm, the share that is called tracked or
-    partial.
+    ``evaluation_groups``, of a person the limbs' twelve, at the places that ``joint_set`` gives them: ``mpjpe_mm``
+    the mean distance, ``pa_mpjpe_mm`` the same after the best similarity transform of each frame,
+    ``median_joint_mm`` (all), ``median_mm_by_joint`` and ``median_mm_by_group`` over frames and runs,
+    ``median_joint_offsets_removed_mm`` the median once each joint's constant offset in its parent's axes is taken
+    out, ``growth`` the mean distance of the last third of these frames over that of the first, and
+    ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over 200 mm off.
+    ``wrongly_tracked``: frames in which this holds, or the root is that far off, for a run that calls them tracked.
+    ``by_joint``: of each joint of the set that the truth names, or whose counterpart it names, the ``median_mm``,
+    the length of its constant offset ``offset_mm`` and what is ``left_mm``. ``median_mm_by_attached``: of things
+    that are attached and that the truth names, where there are any. ``near_tracked``: of the frames in which all of
+    these joints are within 50 mm, the share that is called tracked or partial.
 
     Where the truth has poses of a body with the same joints: ``median_angle_deg``, of the joints' angles that were
     searched, the root's left out, and ``median_deg_by_angle``; of a body's own joints that slide
@@ -72,6 +76,8 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
             second.
     """
     joints = result.joints()
+    points = _Points(result, joint_set, joints)
+    joints = points.as_joints
     series = {"cost": result.cost, "iou": nanmean(result.iou, axis=2)}
     report = _overlap(result, series["iou"])
     shake = second_differences(joints, result.frame_numbers, result.fps) * _METRES_TO_MM
@@ -84,6 +90,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
         report["truth_frames"] = len(mine)
         report |= _marker_errors(truth, mine, theirs, result, series)
         report |= _joint_errors(joints, truth, mine, theirs, result, series)
+        report["by_joint"] = points.errors(truth, mine, theirs)
         report |= _attached_errors(joints, truth, mine, theirs, result)
         report |= _angle_errors(result, truth, mine, theirs)
         of_runs["growth"] = growth(series["mpjpe_mm"][:, mine])
@@ -92,6 +99,40 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     report["per_run"] = _per_run(result, series, of_runs)
     report["series"] = {"frame": result.frame_numbers} | series
     return _jsonable(report)
+
+
+class _Points:
+    """The points of a joint set in a result.
+
+    Args:
+        result: what was tracked.
+        joint_set: the set; None for the body's own joints.
+        joints: (run, frame, joint, 3), these joints [m].
+    """
+
+    def __init__(self, result: Result, joint_set: JointSet | None, joints: np.ndarray) -> None:
+        body, self._result = result.subject.body, result
+        self._set = set_named(RIG, body) if joint_set is None else joint_set
+        self._places = joints if joint_set is None else self._set.of_runs(result.subject, result.pose)
+        self._counterpart = [body.skeleton.joints[joint] if joint >= 0 else "" for joint in self._set.counterpart]
+        # The set's points stand for the body's joints, as far as they are other definitions of these.
+        stand = np.flatnonzero(self._set.counterpart >= 0)
+        self.as_joints = joints.copy()
+        self.as_joints[:, :, self._set.counterpart[stand]] = self._places[:, :, stand]
+
+    def errors(self, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> dict[str, _Report]:
+        """By points that the truth names, itself or as the body's joint: the median, the offset, and what is left."""
+        pairs = zip(self._set.names, self._counterpart, strict=True)
+        named = [next((name for name in pair if name in truth.joint_names), "") for pair in pairs]
+        point = [number for number, name in enumerate(named) if name]
+        known = truth.joints[theirs][:, [truth.joint_names.index(named[number]) for number in point]]
+        tracked, axes = self._places[:, mine][:, :, point], self._set.axes(self._result.subject.body)[point]
+        left, offset = offset_free_distance(self._result, mine, tracked, axes, known)
+        values = {"median_mm": np.linalg.norm(tracked - known, axis=-1), "offset_mm": offset, "left_mm": left}
+        return {
+            self._set.names[number]: {key: _median(of[..., i]) * _METRES_TO_MM for key, of in values.items()}
+            for i, number in enumerate(point)
+        }
 
 
 def _overlap(result: Result, iou: np.ndarray) -> _Report:
@@ -164,6 +205,10 @@ def _joint_errors(
     ends = [i for i, name in enumerate(names) if name in skeleton.ends]
     lost = (distance[..., ends] > LOST_LIMB * _METRES_TO_MM).any(axis=(0, 2))
 
+    # A joint's offset is constant in the axes of its parent, the root's in its own.
+    axes = [max(skeleton.parent[skeleton.index(name)], 0) for name in names]
+    left, _ = offset_free_distance(result, mine, tracked, axes, known)
+
     def median_of(*wanted: str) -> float:
         return _median(distance[..., [i for i, name in enumerate(names) if name in wanted]])
 
@@ -171,7 +216,7 @@ def _joint_errors(
         "mpjpe_mm": _mean(nanmean(series["mpjpe_mm"], axis=1)),
         "pa_mpjpe_mm": _mean(nanmean(series["pa_mpjpe_mm"], axis=1)),
         "median_joint_mm": median_of(*names),
-        "median_joint_offsets_removed_mm": _median(offset_free_distance(result, mine, names, known)) * _METRES_TO_MM,
+        "median_joint_offsets_removed_mm": _median(left) * _METRES_TO_MM,
         "median_mm_by_joint": {name: median_of(name) for name in names},
         "median_mm_by_group": {group: median_of(*joints) for group, joints in skeleton.evaluation_groups.items()},
         "limb_lost_frames": result.frame_numbers[mine[lost]],

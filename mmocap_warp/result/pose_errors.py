@@ -121,33 +121,35 @@ def _span(numbers: np.ndarray) -> str:
     return f"{numbers[0]}-{numbers[-1]}" if len(numbers) else "(none)"
 
 
-def offset_free_distance(result: Result, mine: np.ndarray, names: list[str], known: np.ndarray) -> np.ndarray:
-    """Distances once each joint's median offset over the frames, in the axes of its parent, is taken out.
+def offset_free_distance(
+    result: Result, mine: np.ndarray, tracked: np.ndarray, axes: Sequence[int] | np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distances once each point's median offset over the frames, in the axes of a joint, is taken out.
 
     Args:
         result: what was tracked; every run has offsets of its own.
         mine: positions of the frames to evaluate.
-        names: joints of the body to evaluate.
-        known: (len(mine), joint, 3), where these really were [m], NaN where that is unknown.
+        tracked: (run, len(mine), point, 3), the points in the result [m].
+        axes: (point,), the body's joint in whose axes each point's offset is constant.
+        known: (len(mine), point, 3), where these really were [m], NaN where that is unknown.
 
     Returns:
-        (run, len(mine), joint) [m]; NaN where a joint is unknown.
+        (run, len(mine), point) [m], and the lengths of the offsets (run, point) [m]; NaN where a point is unknown.
     """
-    skeleton = result.subject.body.skeleton
-    joint = np.array([skeleton.index(name) for name in names], int)
-    axes = np.maximum(np.array(skeleton.parent)[joint], 0)  # the root's own where it has no parent
     poser = Poser(result.subject.body, result.subject.root_base)
     distance = np.full((len(result.pose), *known.shape[:2]), np.nan)
+    offset_length = np.full((len(result.pose), known.shape[1]), np.nan)
     for run, pose in enumerate(result.pose[:, mine]):
         local = np.empty(known.shape)
         for block in blocks(len(pose), POSES_AT_ONCE):
             place = poser.joint_transforms(pose[block]).astype(np.float64)
-            away = known[block] - place[:, joint][..., :3, 3]
+            away = known[block] - tracked[run, block]
             local[block] = np.einsum("fjba,fjb->fja", place[:, axes][..., :3, :3], away)
         seen = np.isfinite(local).any(axis=(0, 2))
         offset = np.nanmedian(local[:, seen], axis=0)
         distance[run][:, seen] = np.linalg.norm(local[:, seen] - offset, axis=-1)
-    return distance
+        offset_length[run, seen] = np.linalg.norm(offset, axis=-1)
+    return distance, offset_length
 
 
 _SHAKE_RATE = 60.0

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mmocap_warp.body.joint_sets import RIG
+from mmocap_warp.body.joint_sets import joint_set as set_named
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
 
@@ -143,12 +146,25 @@ class Result:
         before = self.left_out_before + int(chosen[0])
         return replace(self, frame_numbers=self.frame_numbers[chosen], left_out_before=before, **arrays)
 
-    def joints(self) -> np.ndarray:
-        """Joint centres in the world: (run, frame, joint, 3) float64 [m], the joints in the order of the body's."""
+    def joints(self, joint_set: str | Path = RIG) -> np.ndarray:
+        """Joint centres in the world: (run, frame, joint, 3) float64 [m], in the order of :meth:`joint_names`.
+
+        Args:
+            joint_set: by which definitions: the body's own, a named set such as ``isb``, or a user's .toml file.
+
+        Raises:
+            InputError: no such set, or one that is not for this body.
+        """
         from mmocap_warp.body.posing import joint_positions  # Warp, which reading a result does not need
 
+        if joint_set != RIG:
+            return set_named(joint_set, self.subject.body).of_runs(self.subject, self.pose)
         centres = joint_positions(self.subject, self.pose.reshape(-1, self.pose.shape[2]))
         return centres.reshape(*self.pose.shape[:2], -1, 3)
+
+    def joint_names(self, joint_set: str | Path = RIG) -> tuple[str, ...]:
+        """Names of the joints of a set, as :meth:`joints` takes it."""
+        return set_named(joint_set, self.subject.body).names
 
     def vertices(self, run: int | None = None, frames: Sequence[int] | None = None) -> np.ndarray:
         """The skin's vertices in the world, which ``subject.body.skin.face`` joins: (frame, vertex, 3) float32 [m].

@@ -22,7 +22,7 @@ def test_readers_are_called_alike(format: Format) -> None:
 @pytest.mark.parametrize("format", EXPORTS, ids=str)
 def test_writers_are_called_alike(format: Format) -> None:
     taken = list(inspect.signature(export).parameters)
-    assert list(inspect.signature(format.load()).parameters) == taken[:2]
+    assert list(inspect.signature(format.load()).parameters) == taken[:2] + ["joint_set"] * format.takes_joint_set
 
 
 @pytest.mark.parametrize("formats", [CALIBRATIONS, EXPORTS])

@@ -10,6 +10,7 @@ const tracks = content.runs.map((run) => Object.fromEntries(
 const overlaps = content.runs.map((run) => unpack(run.iou));
 const sigmas = content.runs.map((run) => run.sigma && unpack(run.sigma));
 const truth = content.truth && new TruePlaces(content.truth);
+const points = (content.points || []).map((run) => new TruePlaces(run)); // of a joint set, by run
 const ALL = "all"; // cameras side by side
 const state = { position: 0, playing: false, run: content.best, through: null, pointer: null };
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -237,7 +238,10 @@ function drawView({ camera, pinhole, left, top }, high) {
     stage.drawSkin(joints, add(pinhole.R[2], content.up, -0.6).map((v, i, a) => -v / Math.hypot(...a)),
       [...of.model, free ? 1 : 0.6], slow() ? stage.coarse : stage.fine);
   }
-  if (part.skeleton.checked) stage.drawLines(skeletonLines(of), false);
+  if (part.skeleton.checked) {
+    stage.drawLines(skeletonLines(of), false);
+    if (points.length) stage.drawLines(points[state.run].lines(frame(), of.deviations), false);
+  }
   const sigma = sigmas[state.run], size = 3 * body.joints.length;
   if (sigma && part.deviations.checked) {
     const now = sigma.subarray(frame() * size, (frame() + 1) * size);

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from mmocap_warp.body.joint_sets import JointSet
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.display.chart import COLOURS
@@ -152,9 +153,15 @@ def _error(result: Result, truth: Truth) -> Curve:
 
 
 def content(
-    result: Result, truth: Truth | None = None, masks: Pictures | None = None, images: Pictures | None = None
+    result: Result,
+    truth: Truth | None = None,
+    masks: Pictures | None = None,
+    images: Pictures | None = None,
+    joint_set: JointSet | None = None,
 ) -> dict[str, Any]:
     """The page's data: all frames of a result, errors against a truth, masks and images where there are some.
+
+    The points of a joint set are those of the track as it is, not of that before it was smoothed.
 
     Raises:
         InputError: the truth is of another recording.
@@ -172,6 +179,7 @@ def content(
         "truth": None if truth is None else _truth(result, truth),
         "best": result.best_run,
         "runs": _runs(result, truth),
+        **({} if joint_set is None else {"points": _points(result, joint_set)}),
     }
 
 
@@ -219,6 +227,12 @@ def _runs(result: Result, truth: Truth | None) -> list[dict[str, Any]]:
         }
         for run in range(len(result.pose))
     ]
+
+
+def _points(result: Result, joint_set: JointSet) -> list[dict[str, Any]]:
+    """A set's names and places in each run."""
+    places = joint_set.of_runs(result.subject, result.pose)
+    return [{"names": list(joint_set.names), "bones": [], "points": packed_places(run)} for run in places]
 
 
 def _sigma(sigma: np.ndarray) -> Packed:

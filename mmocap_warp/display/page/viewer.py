@@ -16,6 +16,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from mmocap_warp.body.joint_sets import JointSet
 from mmocap_warp.display.chart import colour_rules
 from mmocap_warp.display.page.page_content import Views, content, pose_step, sentence, small_images, small_masks
 from mmocap_warp.display.result_video import check_same_recording
@@ -62,6 +63,7 @@ def view(
     *,
     truth: Truth | None = None,
     images: bool = False,
+    joint_set: JointSet | None = None,
     name: str = "Tracked motion",
     progress: Callable[[int, int], None] | None = None,
 ) -> Page:
@@ -72,6 +74,7 @@ def view(
         scene: its recording, for masks and images; None shows the motion among the cameras alone.
         truth: what errors are measured from; None draws no error.
         images: show the scene's images beside its masks.
+        joint_set: a set whose points are shown with the skeleton.
         name: the page's title.
         progress: called after each frame whose masks were read with how many are done, of how many.
 
@@ -98,7 +101,7 @@ def view(
         summary=escape(_summary(result)),
         holds=escape(sentence(shown.rate, step, masks, pictures)),
         version=escape(__version__),
-        content=embedded(content(shown, truth, masks, pictures)),
+        content=embedded(content(shown, truth, masks, pictures, joint_set)),
     )
     return Page(html, len(result.frame_numbers))
 

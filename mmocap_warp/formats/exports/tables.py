@@ -1,4 +1,6 @@
-"""A result as tables of numbers, a row a frame: ``.csv``, ``.parquet``, ``.trc``, ``.mot``, ``.c3d`` and ``.npz``.
+"""A result as tables of numbers: ``.csv``, ``.parquet``, ``.trc``, ``.mot``, ``.c3d``, ``.npz`` and ``.json``.
+
+A row is a frame. Where a joint set is given, its points stand in the place of the body's joint centres.
 
 Columns of ``.csv`` and ``.parquet`` say their unit: ``LKnee.x_m`` is a joint's or a marker's place, ``LKnee.Rx_deg`` an
 angle of the pose, and ``Ball_place.Tx_m`` a shift of a joint that slides. A function raises InputError for a folder
@@ -7,11 +9,14 @@ that cannot be written to, or a package that is not installed.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from mmocap_warp.body.joint_sets import RIG, JointSet
 from mmocap_warp.body.model import Subject, bind_transforms, joint_transforms
 from mmocap_warp.body.posing import skin_positions
 from mmocap_warp.body.rotations import near_zyx_angles
@@ -22,28 +27,28 @@ from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.whole_file import whole_file, write_whole
 
 
-def write_csv(result: Result, path: Path) -> None:
+def write_csv(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write the table as text; places to 1e-6 m, angles to 1e-6 degrees."""
-    columns = _columns(result)
+    columns = _columns(result, joint_set)
     cells = [[f"{v:.6f}" if isinstance(v, float) else str(v) for v in column] for column in columns.values()]
     write_whole(path, "".join(",".join(row) + "\n" for row in [list(columns), *zip(*cells, strict=True)]).encode())
 
 
-def write_parquet(result: Result, path: Path) -> None:
+def write_parquet(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write the table with Arrow, in double precision."""
     try:
         import pyarrow
         from pyarrow import parquet
     except ImportError:
         raise missing_package(path, "pyarrow", "written", "formats", "write a .csv") from None
-    table = pyarrow.table(_columns(result))
+    table = pyarrow.table(_columns(result, joint_set))
     with whole_file(path) as unfinished:
         parquet.write_table(table, str(unfinished))
 
 
-def _columns(result: Result) -> dict[str, list]:
+def _columns(result: Result, joint_set: JointSet | None) -> dict[str, list]:
     tracks = best_run_tracks(result)
-    names, points = tracks.points()
+    names, points = tracks.points(joint_set)
     skeleton = tracks.subject.body.skeleton
     values = np.where(skeleton.is_length, tracks.pose, np.degrees(tracks.pose))[:, TRANSLATION:]
     units = np.where(skeleton.is_length, "m", "deg")[TRANSLATION:]
@@ -55,13 +60,13 @@ def _columns(result: Result) -> dict[str, list]:
     return columns | {f"{name}_{unit}": value.tolist() for name, unit, value in own}
 
 
-def write_trc(result: Result, path: Path) -> None:
+def write_trc(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write OpenSim's markers of a result, which is Y up: joint centres and virtual markers in metres, to 1e-6 m.
 
     Times are the recording's, and its frame 0 is the file's frame 1.
     """
     tracks = best_run_tracks(result)
-    names, points = tracks.points()
+    names, points = tracks.points(joint_set)
     first, frames, rate = tracks.row_number[0], len(points), f"{tracks.rate:.6f}"
     about = {"DataRate": rate, "CameraRate": rate, "NumFrames": frames, "NumMarkers": len(names), "Units": "m"}
     about |= {"OrigDataRate": rate, "OrigDataStartFrame": first, "OrigNumFrames": frames}
@@ -97,7 +102,7 @@ def write_mot(result: Result, path: Path) -> None:
     write_whole(path, "\n".join([*header, "\t".join(["time", *names]), *rows, ""]).encode())
 
 
-def write_c3d(result: Result, path: Path) -> None:
+def write_c3d(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write joint centres and virtual markers in the result's own world, in millimetres; no analog channels.
 
     They have single precision, about 1e-7 m. The recording's frame 0 is the file's frame 1. ``POINT:X_SCREEN`` and
@@ -108,7 +113,7 @@ def write_c3d(result: Result, path: Path) -> None:
     except ImportError:
         raise missing_package(path, "ezc3d", "written", "formats", "write a .trc") from None
     tracks = best_run_tracks(result)
-    names, points = tracks.points()
+    names, points = tracks.points(joint_set)
     up = result.cameras.up
     file = ezc3d.c3d()
     about = file["parameters"]["POINT"]
@@ -122,15 +127,18 @@ def write_c3d(result: Result, path: Path) -> None:
         file.write(str(unfinished))
 
 
-def write_npz(result: Result, path: Path) -> None:
+def write_npz(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write all that is needed to pose the skin again; ``np.load`` reads it, and docs/formats.md names its arrays.
 
     A vertex is at ``sum(weight * world[frame, joint] @ inverse(bind[joint]) @ rest)``.
     """
     tracks = best_run_tracks(result)
     body = tracks.subject.body
-    names, points = tracks.points()
+    names, points = tracks.points(None)
     joints = len(body.skeleton.joints)
+    further: dict[str, Any] = {}
+    if joint_set is not None:
+        further = {"set_names": np.array(joint_set.names, str), "set": joint_set.positions(tracks.subject, tracks.pose)}
     with whole_file(path) as unfinished:
         np.savez_compressed(
             unfinished,
@@ -154,7 +162,25 @@ def write_npz(result: Result, path: Path) -> None:
             skin_joint=body.skin.joint,
             skin_weight=body.skin.weight,
             attribution=body.attribution,
+            **further,
         )
+
+
+def write_json(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
+    """Write names, frames, times and points as JSON: joint centres and virtual markers, to 1e-6 m."""
+    tracks = best_run_tracks(result)
+    names, points = tracks.points(joint_set)
+    values = {
+        "joint_set": RIG if joint_set is None else joint_set.name,
+        "up": result.cameras.up,
+        "rate": tracks.rate,
+        "names": names,
+        "frame": tracks.number.tolist(),
+        "time_s": tracks.time.tolist(),
+        "status": tracks.status,
+        "points_m": points.round(6).tolist(),
+    }
+    write_whole(path, json.dumps(values).encode())
 
 
 @dataclass(frozen=True)
@@ -176,16 +202,17 @@ class Tracks:
         """(frame,) int: numbers by ones from 1 at the recording's start, for formats that cannot pass frames over."""
         return int(np.round(self.time[0] * self.rate)) + 1 + np.arange(len(self.time))
 
-    def points(self) -> tuple[tuple[str, ...], np.ndarray]:
-        """Joint centres, then the virtual markers on the skin: their names, and (frame, point, 3) [m].
+    def points(self, joint_set: JointSet | None = None) -> tuple[tuple[str, ...], np.ndarray]:
+        """Joint centres, or the points of a set, then the virtual markers: their names, and (frame, point, 3) [m].
 
         A marker that is called like a joint gets the ending ``_marker``.
         """
         body = self.subject.body
-        joints = body.skeleton.joints
+        joints = body.skeleton.joints if joint_set is None else joint_set.names
         markers = tuple(f"{name}_marker" if name in joints else name for name in body.marker_names)
         skin = skin_positions(self.subject, self.pose, body.marker_vertex)
-        return joints + markers, np.concatenate([self.world[:, :, :3, 3], skin], axis=1)
+        own = self.world[:, :, :3, 3] if joint_set is None else joint_set.positions(self.subject, self.pose)
+        return joints + markers, np.concatenate([own, skin], axis=1)
 
 
 def best_run_tracks(result: Result) -> Tracks:

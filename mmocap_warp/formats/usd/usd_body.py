@@ -8,7 +8,8 @@ Layout below the body's prim (a ``SkelRoot`` named after the body)::
     Tracking             the tracking mesh (purpose guide); mmocap:skinVertices, its vertices in Skin
     Motions/<motion>     a motion that came with the body; mmocap:name, mmocap:fps, mmocap:pose
 
-and on the prim itself ``mmocap:attribution`` and, of a body whose shape is known, ``mmocap:rigid``.
+and on the prim itself ``mmocap:attribution``, of a body whose shape is known ``mmocap:rigid``, and of one that carries
+tables of further joint sets ``mmocap:jointSetNames`` and ``mmocap:jointSets``, their texts.
 
 A :class:`Subject` adds ``Skeleton/FirstPose``, a one-frame animation that shows the body where the recording starts,
 and on the prim ``mmocap:rootBase`` (for row vectors, as all in USD), ``mmocap:pose`` and ``mmocap:provenance`` (JSON).
@@ -148,6 +149,9 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     author(root.GetPrim(), "mmocap:attribution", body.attribution)
     if body.rigid:
         author(root.GetPrim(), "mmocap:rigid", True)
+    if body.joint_sets:
+        author(root.GetPrim(), "mmocap:jointSetNames", list(body.joint_sets))
+        author(root.GetPrim(), "mmocap:jointSets", list(body.joint_sets.values()))
 
     skeleton = UsdSkel.Skeleton.Define(stage, f"{path}/Skeleton")
     skeleton.CreateJointsAttr(joint_paths(body.skeleton))
@@ -215,6 +219,8 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
     tracking.require(_is_within(tracking_vertex, len(mesh.rest)), "mmocap:skinVertices names a vertex that Skin lacks")
     tracking_face = _read_faces(tracking, len(tracking_vertex), corners=(3,))
     tracking.require(is_closed(tracking_face), "the tracking mesh is not closed")
+    sets, tables = (read.texts(f"mmocap:{name}", optional=True) for name in ("jointSetNames", "jointSets"))
+    read.require(len(sets) == len(tables), "mmocap:jointSets has not one table for each of mmocap:jointSetNames")
     return BodyModel(
         name=prim.GetName(),
         skeleton=joints,
@@ -229,6 +235,7 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
         marker_vertex=marker_vertex,
         attribution=read.typed("mmocap:attribution", str),
         rigid=read.flag("mmocap:rigid"),
+        joint_sets=dict(zip(sets, tables, strict=True)),
     )
 
 

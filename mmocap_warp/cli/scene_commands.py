@@ -54,11 +54,9 @@ def init(call: Any, folder: Path) -> Answer:
 
 @command("mask:mask", frames=SceneFrames)
 def mask(call: Any, scale: float) -> Answer:
-    from mmocap_warp.scene.scene_toml import load_scene
-
     masks = call()
     report, good = masks.report, masks.remedy is None
-    options = _scale_options(load_scene(masks.scene, masks=False)) if scale == 1 else ()
+    options = _scale_options(masks.recording) if scale == 1 else ()
     step = _track_step(masks.scene, masks.source.parent, *options)
     made = masks.consistency
     changes = {} if made is None else {"filled_px": made.filled, "cut_px": made.cut}

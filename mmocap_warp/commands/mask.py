@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +40,7 @@ class WrittenMasks:
         report: what the masks show, and what is wrong with them.
         remedy: what to do where something is wrong; None where nothing is.
         consistency: what was changed so that the views agree; None where nothing was to be.
+        recording: the scene that they were made of.
     """
 
     source: Path
@@ -48,7 +49,8 @@ class WrittenMasks:
     frames: int
     report: MaskReport
     remedy: str | None
-    consistency: Consistency | None = None
+    consistency: Consistency | None
+    recording: Scene = field(repr=False)
 
 
 @releases_locks
@@ -91,7 +93,7 @@ def mask(
     loaded = _loaded(scene, frames, identity, with_, reporter)
     by_program = loaded.foreground.source == "program"
     refine = None if from_body is None else _around_body(loaded, from_body, scale)
-    program = find_program(with_ or "mediapipe", reporter.note) if by_program else None
+    program = find_program("mediapipe" if with_ is None else with_, reporter.note) if by_program else None
     unfinished = Path(output) / UNFINISHED
     folder = new_folder(output, force=force or (by_program and unfinished.is_dir()))
     images = None
@@ -119,7 +121,7 @@ def mask(
     shutil.rmtree(unfinished, ignore_errors=True)
     report = judge.report()
     remedy = _remedy(loaded, folder) if report.faults else None
-    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, consistency)
+    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, consistency, loaded)
 
 
 def _loaded(

@@ -116,6 +116,8 @@ def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
 
     Points are (..., 2), the distortion is (5,), OpenCV's k1 k2 p1 p2 k3.
     """
+    if not distortion.any():
+        return points
     k1, k2, p1, p2, k3 = distortion
     x, y = points[..., 0], points[..., 1]
     r2 = x * x + y * y

@@ -118,7 +118,8 @@ def mask(
             images=images,
             make_consistent=consistency,
         )
-    shutil.rmtree(unfinished, ignore_errors=True)
+    if program is not None:
+        shutil.rmtree(unfinished, ignore_errors=True)
     report = judge.report()
     remedy = _remedy(loaded, folder) if report.faults else None
     return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, consistency, loaded)

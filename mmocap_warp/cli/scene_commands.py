@@ -24,15 +24,11 @@ _DECIDED_BY = {
 }
 
 
-_LONGER_SIDE = 720
-"""Pixels to which ``next:`` scales the longer side of large images: enough for a body that fills them."""
-
-
 def _scale_options(scene: Scene) -> tuple[str, ...]:
     """``--scale`` with a power of two, where images are large and the scene names no scale."""
-    scale, longest = 1.0, int(scene.calibrated.size.max())
-    while scale * longest > _LONGER_SIDE:
-        scale /= 2
+    from mmocap_warp.scene.drafting import tracking_scale
+
+    scale = tracking_scale(scene.calibrated.size)
     return () if scale == 1 or "scale" in scene.track else ("--scale", f"{scale:g}")
 
 

@@ -23,9 +23,11 @@ from mmocap_warp.masks.mask_program import find_program
 from mmocap_warp.masks.subtraction import mask_around_body
 from mmocap_warp.result.result import Result
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
+from mmocap_warp.scene.drafting import tracking_scale
 from mmocap_warp.scene.mask_writing import Refine, write_masks
 from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program
 from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.scene_toml import load_scene
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,19 @@ def _loaded(
     if isinstance(scene, Scene):
         scene = replace(scene, foreground=replace(scene.foreground, source="program"))
     return scene_from(scene, frames, identity, reporter, source="program")
+
+
+def with_masks(scene: Scene, reporter: Reporter) -> Scene:
+    """The scene itself, or the one with the masks that a program makes; they lie beside it, and are made once."""
+    if scene.foreground.source != "program":
+        return scene
+    folder = scene.directory / ("masks" if scene.path.stem == "scene" else f"{scene.path.stem}-masks")
+    if not (folder / "scene.toml").exists():
+        scale = 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
+        for fault in mask(scene.path, folder, scale=scale, reporter=reporter).report.faults:
+            reporter.warn(f"{folder}: {fault}")
+    frames = scene.frames
+    return load_scene(folder, f"{frames.start}:{frames.stop}:{frames.step}")
 
 
 def _remedy(scene: Scene, folder: Path) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import shutil
 import sys
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from disc_scene import FRAMES, SIZE, disc, edit, write_scene
 import mmocap_warp as mm
 from mmocap_warp import cli
 from mmocap_warp.cli import console
+from mmocap_warp.commands import mask as mask_command
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.masks import mask_program
 from mmocap_warp.scene.scene_toml import load_scene
@@ -36,7 +36,7 @@ for file in wanted:
     made = masks / f"{file.stem}.png"
     if (frames.name, file.stem) == ("cam02", "000002"):
         SPOILT
-    shutil.copy(here / "masks" / frames.name / f"{file.stem[-3:]}.png", made)
+    shutil.copy(here / "given" / frames.name / f"{file.stem[-3:]}.png", made)
 """
 
 
@@ -56,6 +56,7 @@ def scene(tmp_path: Path) -> Path:
     write_scene(tmp_path, "program", late=1)
     text = re.sub(r'(masks|clean_plate) = ".*\n', "", (tmp_path / "scene.toml").read_text())
     (tmp_path / "scene.toml").write_text(text)
+    (tmp_path / "masks").rename(tmp_path / "given")
     return tmp_path
 
 
@@ -109,6 +110,17 @@ def test_a_run_that_was_stopped_goes_on(scene: Path) -> None:
     assert not (scene / "made" / "unfinished").exists()
 
 
+@pytest.mark.filterwarnings("ignore")  # discs fit no body
+def test_a_track_makes_the_masks_first_and_once(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = mask_program.MaskProgram("mediapipe", tuple(shlex.split(stand_in(scene))))
+    monkeypatch.setattr(mask_command, "find_program", lambda text, note: program)
+    for frames in (None, "1:3"):
+        asked = load_scene(scene, frames)
+        made = mask_command.with_masks(asked, mm.Reporter())
+        assert (made.path, made.frames) == (scene / "masks" / "scene.toml", asked.frames)
+    assert len(starts(scene)) == 3
+
+
 def test_unfinished_masks_of_another_scale_are_refused(scene: Path) -> None:
     with pytest.raises(InputError, match="exit code 1"):
         mm.mask(scene, scene / "made", with_=stand_in(scene, "sys.exit(1)"))
@@ -141,7 +153,7 @@ def test_mediapipe_without_uv_or_network_says_what_to_run(
     uv.write_text("#!/bin/sh\necho no network >&2\nexit 2\n")
     for path, problem in (
         (scene, "uv cannot install it: no network"),
-        (scene / "masks", "needs uv, which is not inst"),
+        (scene / "given", "needs uv, which is not inst"),
     ):
         monkeypatch.setenv("PATH", str(path))
         monkeypatch.setattr(mask_program.sys, "executable", str(path / "python"))
@@ -210,7 +222,6 @@ def test_the_page_s_own_commands(name: str, scene: Path, monkeypatch: pytest.Mon
     (script,) = (block for block in blocks("python") if "sam2" in block)
     (scene / "segment.py").write_text(script)
     (line,) = (line for block in blocks("sh") for line in block.splitlines() if "--with" in line and name in line)
-    shutil.rmtree(scene / "masks")  # of the other stand-in
     monkeypatch.chdir(scene)
     monkeypatch.setenv("PYTHONPATH", str(scene))
     monkeypatch.setenv("PATH", f"{scene}:{Path(sys.executable).parent}:/usr/bin:/bin")

@@ -48,7 +48,7 @@ def followed(request, tmp_path_factory) -> tuple[Path, str, int]:
     shutil.copytree(ROOT / "docs" / "tutorial", folder / "clone" / "docs" / "tutorial")
     _install, *rest = blocks("sh")
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 1)  # in this process: limbs are searched once
+        patched.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 0)  # in this process: limbs are not searched
         follow = follow_in_a_shell if request.param == "whole" else follow_in_this_process
         return folder / "capture", follow("".join(rest), folder), FRAMES[request.param]
 

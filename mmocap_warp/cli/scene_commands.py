@@ -1,16 +1,19 @@
-"""Commands that write or look at a scene: ``init``, ``mask``, ``cameras``, ``sync``, ``synth``, ``humaneva``.
+"""Commands that write or look at a scene: ``init``, ``mask``, ``cameras``, ``sync``, ``synth``, ``dataset``.
 
-And ``validate``, of USD files.
+And ``humaneva``, and ``validate`` of USD files.
 """
 
 from __future__ import annotations
 
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from mmocap_warp.cli.command import Answer, attributes, command
+from cyclopts import Parameter
+
+from mmocap_warp.cli.command import ANY_NUMBER, BY_PLACE, Answer, Given, attributes, command
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Output, SceneFrames, next_step, table
+from mmocap_warp.formats.table import DATASETS
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
@@ -232,6 +235,28 @@ def humaneva(call: Any, console: Console, output: Path) -> Answer:
     }
     text = f"{scene}: {sequence.count} frames, {with_truth} with truth, {len(sequence.rig)} cameras"
     return Answer(values, [text])
+
+
+_PARTS = Parameter(help="\\\n".join(dataset.usage(name) for name, dataset in DATASETS.items()))
+
+
+@command(
+    "new_scenes:import_dataset",
+    name=Given(Literal[tuple(DATASETS)], kind=BY_PLACE),
+    parts=Given(Annotated[str, _PARTS], kind=ANY_NUMBER),
+)
+def dataset(call: Any, console: Console, output: Path) -> Answer:
+    made, scene = call(reporter=_Warnings(quiet=console.quiet)), output / "scene.toml"
+    step = next_step("cameras", scene, "-o", output / "axes")
+    values = {
+        "scene": scene,
+        **attributes(made, "frames", "notes"),
+        "cameras": made.rig.names,
+        "joints": made.truth.joint_names if made.truth else (),
+        "markers": made.truth.marker_names if made.truth else (),
+        "next": step,
+    }
+    return Answer(values, [f"{scene}: {made!r}", f"next: {step}"])
 
 
 class _Warnings(Console):

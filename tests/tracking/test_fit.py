@@ -63,7 +63,7 @@ def subject(request, walk, man):
     if request.param == "whole":
         return fit(walk, man, QUICK)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 2)  # searches of the limbs, at most
+        patched.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 1)  # searches of the limbs
         quick = replace(QUICK, headings=4, evaluations=300, finalists=1, frames=4)
         return fit(replace(walk, frame_count=12), man, quick)
 

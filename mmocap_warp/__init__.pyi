@@ -21,7 +21,7 @@ from mmocap_warp.commands.clips import ablate, make_sequences
 from mmocap_warp.commands.demo import demo
 from mmocap_warp.commands.evaluate import evaluate, measure
 from mmocap_warp.commands.mask import mask
-from mmocap_warp.commands.new_scenes import import_humaneva, init, synthesize
+from mmocap_warp.commands.new_scenes import import_dataset, import_humaneva, init, synthesize
 from mmocap_warp.commands.show import export, show, view
 from mmocap_warp.commands.studies import benchmark, report_study, run_study, write_benchmark_pages
 from mmocap_warp.commands.track import fit, track
@@ -46,8 +46,8 @@ __all__ = [
     "BodyModel", "CameraCheck", "CameraRig", "FitConfig", "InputError", "LiveFrame", "Refinement", "Reporter",
     "Result", "Scene", "SolvedCameras", "Subject", "Synchronisation", "TrackConfig", "UnsolvableError",
     "UsageError", "__version__", "ablate", "benchmark", "check_cameras", "convert_cameras", "demo", "evaluate",
-    "export", "export_body", "fit", "import_body", "import_humaneva", "init", "learn_body", "load_body",
-    "load_result", "load_scene", "load_truth", "make_sequences", "mask", "measure", "minimize",
+    "export", "export_body", "fit", "import_body", "import_dataset", "import_humaneva", "init", "learn_body",
+    "load_body", "load_result", "load_scene", "load_truth", "make_sequences", "mask", "measure", "minimize",
     "overlay", "refine_cameras", "report_study", "run_study", "show", "show_body", "show_cameras", "solve_cameras",
     "study_results", "sync", "synthesize", "track", "track_live", "validate_usd", "view", "write_benchmark_pages",
     "write_result",

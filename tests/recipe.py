@@ -9,11 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tiny_study import write_scene
+from recordings import write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
-QUICK = '\n[track]\nevaluations = 60\nscale = 0.25\ndevice = "cpu"\n'
-"""Settings of the scene, so that a recipe's commands take seconds."""
+QUICK = "evaluations = 60\n"
+"""A setting of the scene, so that a recipe's commands take seconds."""
 
 
 def copy_tree(folder: Path) -> None:
@@ -28,8 +28,9 @@ def copy_tree(folder: Path) -> None:
         (folder / name).symlink_to(ROOT / name)
     (folder / "mmocap_warp" / "kernels").symlink_to(folder / "kernels")
     (folder / "mmocap_warp" / "scenes").symlink_to(ROOT / "scenes")
-    scene = write_scene(folder)
-    scene.write_text(scene.read_text(encoding="utf-8") + QUICK, encoding="utf-8")
+    write_recording(folder, frames=3)
+    with (folder / "scene.toml").open("a", encoding="utf-8") as scene:
+        scene.write(QUICK)
 
 
 class Recipe:

@@ -30,10 +30,10 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.M | re.S)
 
 
-FRAMES = {"begun": 6, "whole": 40}
+FRAMES = {"begun": 4, "whole": 40}
 """How many frames are masked and tracked: some, so that each command is tried in seconds, or all that the page says."""
 
-QUICK = "\n[fit]\nheadings = 4\nevaluations = 200\nfinalists = 1\nframes = 4\n"
+QUICK = "\n[fit]\nheadings = 4\nevaluations = 100\nfinalists = 1\nframes = 2\n"
 """Settings of the fit to a few frames."""
 
 
@@ -48,7 +48,7 @@ def followed(request, tmp_path_factory) -> tuple[Path, str, int]:
     shutil.copytree(ROOT / "docs" / "tutorial", folder / "clone" / "docs" / "tutorial")
     _install, *rest = blocks("sh")
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 2)  # in this process: limbs are searched twice
+        patched.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 0)  # in this process: limbs are not searched
         follow = follow_in_a_shell if request.param == "whole" else follow_in_this_process
         return folder / "capture", follow("".join(rest), folder), FRAMES[request.param]
 

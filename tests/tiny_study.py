@@ -1,18 +1,14 @@
-"""The first frames of the built-in walk, and studies of it that take seconds."""
+"""A recording of a few small frames, and studies of it that take seconds."""
 
 from __future__ import annotations
 
-import shutil
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+from recordings import write_recording
 from study_workers import DirectEngine
-from walk_scene import walking
 
-from mmocap_warp.body.model import Subject
-from mmocap_warp.formats.usd.usd_body import write_subject
-from mmocap_warp.scenes import ROOT
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.engines.engine import Engine
 from mmocap_warp.study.run import Status, run_study
@@ -23,7 +19,7 @@ STUDY = """
 [study]
 name = "tiny"
 seeds = 2
-scale = 0.1
+scale = 0.5
 
 [sequences]
 Walk = "walk/scene.toml"
@@ -38,16 +34,10 @@ CELLS = 12
 
 
 def write_scene(folder: Path, frames: int = FRAMES) -> Path:
-    """The walk's first frames, with its true body and first pose as the subject."""
-    for file in (ROOT / "walk").rglob("*"):
-        if file.suffix in (".toml", ".usdc") or (file.suffix == ".png" and int(file.stem) < frames):
-            target = folder / file.relative_to(ROOT / "walk")
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(file, target)
-    made = walking()  # the whole walk: a shorter one would start elsewhere
-    write_subject(folder / "subject.usdc", Subject(made.body, made.root_base, made.poses[0], {}))
+    """The scene's file: three small views of a figure of boxes."""
+    write_recording(folder, frames)
     scene = folder / "scene.toml"
-    scene.write_text(scene.read_text().replace("[scene]\n", '[scene]\nsubject = "subject.usdc"\n'))
+    scene.write_text(f"{scene.read_text()}[foreground]\nmedian = 3.0\njoin = 6.0\n")
     return scene
 
 

@@ -116,6 +116,19 @@ class RestSpace:
         by_vertex, by_joint = (each.astype(np.float64) for each in self.body.unscaled)
         return by_vertex, by_joint
 
+    @cached_property
+    def _parts(self) -> dict[bytes | None, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """What :meth:`_part` found, by the vertices that were asked for."""
+        return {None: (self._moved[0], self.body.skin.rest.astype(np.float64), self._unscaled[0])}
+
+    def _part(self, vertex: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of some vertices what the parameters move (parameter - 1, vertex, 3), the rest and what is not scaled."""
+        key = None if vertex is None else vertex.tobytes()
+        if key not in self._parts:
+            skin, rest, unscaled = self._parts[None]
+            self._parts[key] = np.ascontiguousarray(skin[:, vertex]), rest[vertex], unscaled[vertex]
+        return self._parts[key]
+
     def at(self, beta: np.ndarray, vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The rest body of some parameters, float64 [m]: vertices (vertex, 3) and joint centres (joint, 3).
 
@@ -126,13 +139,10 @@ class RestSpace:
         if self.body.rigid:
             rest = self.body.skin.rest if vertex is None else self.body.skin.rest[vertex]
             return rest.astype(np.float64), self.body.joint_rest.astype(np.float64)
-        (skin, joint), rest = self._moved, self.body.skin.rest
-        by_vertex, by_joint = self._unscaled
-        if vertex is not None:
-            skin, rest, by_vertex = skin[:, vertex], rest[vertex], by_vertex[vertex]
+        skin, rest, by_vertex = self._part(vertex)
         return (
             self._combine(beta, rest, skin, by_vertex),
-            self._combine(beta, self.body.joint_rest, joint, by_joint),
+            self._combine(beta, self.body.joint_rest, self._moved[1], self._unscaled[1]),
         )
 
     def _combine(self, beta: np.ndarray, rest: np.ndarray, column: np.ndarray, unscaled: np.ndarray) -> np.ndarray:
@@ -150,13 +160,11 @@ class RestSpace:
         rest, joint = self.at(beta, vertex)
         if self.body.rigid:
             return np.zeros((0, *rest.shape)), np.zeros((0, *joint.shape))
-        (by_skin, by_centre), (by_vertex, by_joint) = self._moved, self._unscaled
-        if vertex is not None:
-            by_skin, by_vertex = by_skin[:, vertex], by_vertex[vertex]
+        by_skin, _, by_vertex = self._part(vertex)
         scale = np.exp(beta[-1])
         return (
             np.concatenate([scale * by_skin, (rest - by_vertex)[None]]),
-            np.concatenate([scale * by_centre, (joint - by_joint)[None]]),
+            np.concatenate([scale * self._moved[1], (joint - self._unscaled[1])[None]]),
         )
 
     def model(self, beta: np.ndarray) -> BodyModel:

@@ -20,6 +20,7 @@ METRES = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
 _USUAL_REACH = (1.0, 30.0)  # metres between cameras, or from the origin, in a room
 _MAX_NUMBER = 1e9  # in a calibration; its square and cube are still finite
 _MAX_CAMERAS = 1000
+_MAX_SKEW = 0.005  # share of the focal length; MATLAB's calibrations have up to 0.0035
 _MAX_GROWTH = 4  # by which undistortion may enlarge or shrink a fisheye's image; real ones grow up to 1.7
 
 
@@ -29,7 +30,7 @@ class CameraRig:
 
     Attributes:
         names: one per camera.
-        K: (camera, 3, 3) float64, intrinsics [px]; no skew.
+        K: (camera, 3, 3) float64, intrinsics [px]; their skew is undone with the lens.
         R: (camera, 3, 3) float64, rotation, world to camera.
         t: (camera, 3) float64, translation, world to camera [m].
         size: (camera, 2) int, width and height [px].
@@ -78,11 +79,14 @@ class CameraRig:
     def pinhole(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Intrinsics and (width, height) [px] of what camera ``k``'s images are undistorted to, at full size.
 
-        They are the camera's own, except for a fisheye: see :func:`mmocap_warp.cameras.fisheye.pinhole_of`.
+        They are the camera's own without its skew, except for a fisheye: see
+        :func:`mmocap_warp.cameras.fisheye.pinhole_of`.
         """
+        K = self.K[k].copy()
+        K[0, 1] = 0.0
         if self.names[k] in self.fisheye:
-            return pinhole_of(self.K[k], self.size[k], self.distortion[k])
-        return self.K[k], self.size[k]
+            return pinhole_of(K, self.size[k], self.distortion[k])
+        return K, self.size[k]
 
     def undistorted(self, scale: float = 1.0) -> CameraRig:
         """The pinholes of undistorted images resampled to ``scale`` times the size.
@@ -116,6 +120,8 @@ def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
 
     Points are (..., 2), the distortion is (5,), OpenCV's k1 k2 p1 p2 k3.
     """
+    if not distortion.any():
+        return points
     k1, k2, p1, p2, k3 = distortion
     x, y = points[..., 0], points[..., 1]
     r2 = x * x + y * y
@@ -131,6 +137,14 @@ def through_lens(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:
     return lens(points, rig.distortion[k])
 
 
+def to_pixels(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:
+    """Pixels of camera ``k`` of points (..., 2) that its lens put on the image plane at focal length 1."""
+    pixels = points * rig.K[k, [0, 1], [0, 1]] + rig.K[k, :2, 2]
+    if rig.K[k, 0, 1]:
+        pixels[..., 0] += rig.K[k, 0, 1] * points[..., 1]
+    return pixels
+
+
 def project(rig: CameraRig, points: np.ndarray) -> np.ndarray:
     """Pixels of world points (n, 3) [m] in every camera, distortion included.
 
@@ -140,9 +154,7 @@ def project(rig: CameraRig, points: np.ndarray) -> np.ndarray:
     seen = np.einsum("kij,nj->kni", rig.R, np.asarray(points, np.float64)) + rig.t[:, None]
     depth = np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
     plane = seen[..., :2] / depth
-    plane = np.stack([through_lens(rig, k, plane[k]) for k in range(len(rig))])
-    focal, centre = rig.K[:, [0, 1], [0, 1]], rig.K[:, :2, 2]
-    return plane * focal[:, None] + centre[:, None]
+    return np.stack([to_pixels(rig, k, through_lens(rig, k, plane[k])) for k in range(len(rig))])
 
 
 @dataclass(frozen=True)
@@ -264,7 +276,7 @@ def _check_camera(rig: CameraRig, k: int, where: str) -> None:
     if not (0.2 < fx / max(width, height) < 50 and 0.2 < fy / max(width, height) < 50):
         problem = f"focal lengths {fx:.6g}, {fy:.6g} do not suit a {width}x{height} image"
         raise InputError(where, problem, "give them in pixels")
-    if abs(K[0, 1]) > 1e-3 * fx:
+    if abs(K[0, 1]) > _MAX_SKEW * fx:
         raise InputError(where, f"skew is {K[0, 1]:.6g} px", "calibrate with zero skew")
     if not (-0.5 * width < cx < 1.5 * width and -0.5 * height < cy < 1.5 * height):
         problem = f"principal point ({cx:.6g}, {cy:.6g}) is far outside {width}x{height}"

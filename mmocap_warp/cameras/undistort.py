@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.cameras.fisheye import is_in_field
-from mmocap_warp.cameras.rig import CameraRig, through_lens
+from mmocap_warp.cameras.rig import CameraRig, through_lens, to_pixels
 
 _OUTSIDE = -1e4  # a pixel's coordinate, far outside any image
 _ROWS = 16  # of an image, whose map is computed at once
@@ -67,20 +67,19 @@ def undistortion(
     """
     n = max(1, math.ceil(recorded_scale / scale - 1e-9))
     width, height = rig.undistorted(scale).size[k]
-    focal, centre = rig.K[k, [0, 1], [0, 1]], rig.K[k, :2, 2]
     pinhole, _ = rig.pinhole(k)
 
     def to_plane(count: int, axis: int) -> np.ndarray:
         pixel = (np.arange(count * n) + 0.5) / (n * scale) - 0.5
-        return (pixel - pinhole[axis, 2]) / focal[axis]
+        return (pixel - pinhole[axis, 2]) / pinhole[axis, axis]
 
     def to_recorded(plane: np.ndarray) -> np.ndarray:
-        return (through_lens(rig, k, plane) * focal + centre) * recorded_scale + recorded_offset
+        return to_pixels(rig, k, through_lens(rig, k, plane)) * recorded_scale + recorded_offset
 
     across, down = to_plane(width, 0), to_plane(height, 1)
     recorded = np.empty((len(down), len(across), 2), np.float32)
     is_fisheye = rig.names[k] in rig.fisheye
-    if not (is_fisheye or rig.distortion[k].any()):
+    if not (is_fisheye or rig.distortion[k].any() or rig.K[k, 0, 1]):
         # Without distortion a column depends on x alone, and a row on y alone.
         recorded[..., 0] = to_recorded(np.stack([across, np.zeros_like(across)], axis=-1))[:, 0]
         recorded[..., 1] = to_recorded(np.stack([np.zeros_like(down), down], axis=-1))[:, 1, None]

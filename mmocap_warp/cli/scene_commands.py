@@ -1,16 +1,19 @@
-"""Commands that write or look at a scene: ``init``, ``mask``, ``cameras``, ``sync``, ``synth``, ``humaneva``.
+"""Commands that write or look at a scene: ``init``, ``mask``, ``cameras``, ``sync``, ``synth``, ``dataset``.
 
-And ``validate``, of USD files.
+And ``humaneva``, and ``validate`` of USD files.
 """
 
 from __future__ import annotations
 
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from mmocap_warp.cli.command import Answer, attributes, command
+from cyclopts import Parameter
+
+from mmocap_warp.cli.command import ANY_NUMBER, BY_PLACE, Answer, Given, attributes, command
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Output, SceneFrames, next_step, table
+from mmocap_warp.formats.table import DATASETS
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
@@ -53,11 +56,15 @@ def init(call: Any, folder: Path) -> Answer:
 
 
 @command("mask:mask", frames=SceneFrames)
-def mask(call: Any, loaded: Scene, scale: float) -> Answer:
+def mask(call: Any, scale: float) -> Answer:
+    from mmocap_warp.scene.scene_toml import load_scene
+
     masks = call()
     report, good = masks.report, masks.remedy is None
-    options = _scale_options(loaded) if scale == 1 else ()
+    options = _scale_options(load_scene(masks.scene, masks=False)) if scale == 1 else ()
     step = _track_step(masks.scene, masks.source.parent, *options)
+    made = masks.consistency
+    changes = {} if made is None else {"filled_px": made.filled, "cut_px": made.cut}
     views = {
         name: {
             "area_px": view.area,
@@ -65,33 +72,44 @@ def mask(call: Any, loaded: Scene, scale: float) -> Answer:
             "explained": view.explained,
             "covered": view.covered,
         }
-        for name, view in report.views.items()
+        | {key: [int(frame[k]) for frame in each] for key, each in changes.items()}
+        for k, (name, view) in enumerate(report.views.items())
     }
     values = attributes(masks, "scene", "overlay", "frames") | {
         "views": views,
         "hull_litres": 1000 * report.volume,
+        "contradicting_frames": None if made is None else made.untouched,
         "masks_ok": good,
         "faults": list(report.faults),
         "next": step if good else None,
     }
-    lines = [f"{masks.scene}: {masks.frames} frames, {len(report.views)} cameras", *_mask_table(report)]
+    lines = [f"{masks.scene}: {masks.frames} frames, {len(report.views)} cameras", *_mask_table(report, changes)]
+    if made is not None and made.untouched:
+        lines.append(
+            f"not made consistent: {made.untouched} frames, in which views contradict each other throughout; see"
+            f" {next_step('calib', 'check', masks.scene)}"
+        )
     lines += [f"next: {step}"] if good else [*(f"check failed: {fault}" for fault in report.faults), masks.remedy]
     return Answer(values, lines, OK if good else CHECK_FAILED)
 
 
-def _mask_table(report: MaskReport) -> list[str]:
-    """Each view's areas, how many frames are empty, and how well it agrees with the others."""
+def _mask_table(report: MaskReport, changes: dict[str, list[list[int]]]) -> list[str]:
+    """Each view's areas, how many frames are empty, how well it agrees with the others, and what they changed in it."""
     import numpy as np
 
-    lines = [f"{'camera':<12} {'median':>8} {'least':>8} {'most':>8} {'empty':>8} {'explained':>10} {'covered':>8}"]
-    lines += [f"{'':<12} {'px':>8} {'px':>8} {'px':>8} {'frames':>8} {'%':>10} {'%':>8}"]
-    for name, view in report.views.items():
+    heads = [("camera", ""), ("median", "px"), ("least", "px"), ("most", "px"), ("empty", "frames"), ("explained", "%")]
+    heads += [("covered", "%"), *((name.removesuffix("_px"), "px") for name in changes)]
+    width = [12, 8, 8, 8, 8, 10, 8, 8, 8]
+    rows: list[tuple[object, ...]] = [*zip(*heads, strict=True)]
+    for k, (name, view) in enumerate(report.views.items()):
         seen = view.area[view.area > 0]
         areas = (np.median(seen), seen.min(), seen.max()) if len(seen) else (0, 0, 0)
-        shares = f"{_percent(view.explained):>10} {_percent(view.covered):>8}"
-        columns = " ".join(f"{area:8.0f}" for area in areas)
-        lines.append(f"{name:<12} {columns} {(view.area == 0).sum():8d} {shares}")
-    return [*lines, "explained: of its mask by the other cameras; covered: of what these see by its mask"]
+        counts = [f"{area:.0f}" for area in areas] + [(view.area == 0).sum()]
+        done = (sum(frame[k] for frame in frames) for frames in changes.values())
+        rows.append((name, *counts, _percent(view.explained), _percent(view.covered), *done))
+    lines = [" ".join(f"{cell!s:{'>' if i else '<'}{width[i]}}" for i, cell in enumerate(row)) for row in rows]
+    lines.append("explained: of its mask by the other cameras; covered: of what these see by its mask")
+    return lines + (["filled, cut: in all frames, by what the other cameras see"] if changes else [])
 
 
 def _percent(share: float) -> str:
@@ -223,6 +241,28 @@ def humaneva(call: Any, console: Console, output: Path) -> Answer:
     }
     text = f"{scene}: {sequence.count} frames, {with_truth} with truth, {len(sequence.rig)} cameras"
     return Answer(values, [text])
+
+
+_PARTS = Parameter(help="\\\n".join(dataset.usage(name) for name, dataset in DATASETS.items()))
+
+
+@command(
+    "new_scenes:import_dataset",
+    name=Given(Literal[tuple(DATASETS)], kind=BY_PLACE),
+    parts=Given(Annotated[str, _PARTS], kind=ANY_NUMBER),
+)
+def dataset(call: Any, console: Console, output: Path) -> Answer:
+    made, scene = call(reporter=_Warnings(quiet=console.quiet)), output / "scene.toml"
+    step = next_step("cameras", scene, "-o", output / "axes")
+    values = {
+        "scene": scene,
+        **attributes(made, "frames", "notes"),
+        "cameras": made.rig.names,
+        "joints": made.truth.joint_names if made.truth else (),
+        "markers": made.truth.marker_names if made.truth else (),
+        "next": step,
+    }
+    return Answer(values, [f"{scene}: {made!r}", f"next: {step}"])
 
 
 class _Warnings(Console):

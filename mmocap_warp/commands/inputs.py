@@ -34,11 +34,12 @@ def scene_from(
     reporter: Reporter | None = None,
     *,
     calibrated: bool = True,
+    source: str | None = None,
 ) -> Scene:
     """A scene by its file or folder, or as it is; of it the frames and the person that are asked for.
 
-    Without ``calibrated`` there need not be a calibration. A reporter is told where given masks show more than one
-    person, and how to choose: one person is tracked at a time.
+    Without ``calibrated`` there need not be a calibration; ``source`` is that of :func:`load_scene`, for a file. A
+    reporter is told where given masks show more than one person, and how to choose: one person is tracked at a time.
 
     Raises:
         InputError: the scene is wrong.
@@ -46,7 +47,7 @@ def scene_from(
         TypeError: it is neither.
     """
     with arguments_checked():
-        chosen = _open_scene(scene, _frames_text(frames), identity, calibrated)
+        chosen = _open_scene(scene, _frames_text(frames), identity, calibrated, source)
     if reporter is not None and chosen.foreground.source == "masks" and not chosen.foreground.identity:
         others = ((source.name, _others(chosen, source)) for source in chosen.cameras)
         if (seen := next((f"{name} {line}" for name, line in others if line is not None), None)) is not None:
@@ -54,9 +55,11 @@ def scene_from(
     return chosen
 
 
-def _open_scene(scene: Scene | str | Path, frames: str | None, identity: int | None, calibrated: bool) -> Scene:
+def _open_scene(
+    scene: Scene | str | Path, frames: str | None, identity: int | None, calibrated: bool, source: str | None
+) -> Scene:
     if isinstance(scene, str | Path):
-        return load_scene(scene, frames, identity, calibrated=calibrated)
+        return load_scene(scene, frames, identity, calibrated=calibrated, source=source)
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene or the path of one, not a {type(scene).__name__}")
     if identity is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import shutil
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,14 @@ from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import holds_result
+from mmocap_warp.masks.consistency import Consistency
 from mmocap_warp.masks.mask_check import MaskJudge, MaskReport
+from mmocap_warp.masks.mask_program import find_program
 from mmocap_warp.masks.subtraction import mask_around_body
 from mmocap_warp.result.result import Result
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.scene.mask_writing import Refine, write_masks
+from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program
 from mmocap_warp.scene.recording import Scene
 
 
@@ -35,6 +39,7 @@ class WrittenMasks:
         frames: how many frames have masks.
         report: what the masks show, and what is wrong with them.
         remedy: what to do where something is wrong; None where nothing is.
+        consistency: what was changed so that the views agree; None where nothing was to be.
     """
 
     source: Path
@@ -43,6 +48,7 @@ class WrittenMasks:
     frames: int
     report: MaskReport
     remedy: str | None
+    consistency: Consistency | None = None
 
 
 @releases_locks
@@ -54,6 +60,8 @@ def mask(
     frames: Frames = None,
     from_body: Result | str | Path | None = None,
     identity: int | None = None,
+    with_: str | None = None,
+    consistent: bool | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> WrittenMasks:
@@ -66,6 +74,10 @@ def mask(
         frames: which of the recording's frames. [default: those that the scene names]
         from_body: a result of this scene: draw the masks anew around its body, by the images' colours (GrabCut).
         identity: of the person who is meant, where masks show several.
+        with_: what makes the masks: 'subtraction' of a background, 'mediapipe', or a command, which is called with a
+            folder of frames and one for masks (see the page on masks). [default: as the scene says]
+        consistent: fill what all other views contradict and cut what no other view supports; it takes four views.
+            [default: if a program makes the masks]
         force: write into a folder that holds files.
         reporter: who is told of notes and progress.
 
@@ -76,21 +88,49 @@ def mask(
     reporter = reporter or Reporter()
     if not 0 < scale <= 1:
         raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
-    loaded = scene_from(scene, frames, identity, reporter)
+    loaded = _loaded(scene, frames, identity, with_, reporter)
+    by_program = loaded.foreground.source == "program"
     refine = None if from_body is None else _around_body(loaded, from_body, scale)
-    folder = new_folder(output, force=force)
+    program = find_program(with_ or "mediapipe", reporter.note) if by_program else None
+    unfinished = Path(output) / UNFINISHED
+    folder = new_folder(output, force=force or (by_program and unfinished.is_dir()))
+    images = None
+    if program is not None:
+        with reporter.stage("program", "masks") as progress:
+            loaded = masks_by_program(loaded, unfinished, program, scale, progress)
+        images = images_for_program(loaded, unfinished)
     # The volume of the scene's subject, or else of the body that a fit would start from.
     named = loaded.subject and read_subject(loaded.subject).body
     body = named or load_body(loaded.body or DEFAULT_BODY, loaded.path)
     judge = MaskJudge(loaded.rig(scale), loaded.frame_count, body.volume)
     total = loaded.frame_count
+    consistency = Consistency(loaded.rig(scale)) if (by_program if consistent is None else consistent) else None
     with reporter.stage("mask") as progress:
         written = write_masks(
-            loaded, folder, scale, progress=lambda done: progress(done, total), look=judge.add, refine=refine
+            loaded,
+            folder,
+            scale,
+            lambda done: progress(done, total),
+            look=judge.add,
+            refine=refine,
+            images=images,
+            make_consistent=consistency,
         )
+    shutil.rmtree(unfinished, ignore_errors=True)
     report = judge.report()
     remedy = _remedy(loaded, folder) if report.faults else None
-    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy)
+    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, consistency)
+
+
+def _loaded(
+    scene: Scene | str | Path, frames: Frames, identity: int | None, with_: str | None, reporter: Reporter
+) -> Scene:
+    """The scene, whose masks are made of what the caller says."""
+    if with_ is None or with_ == "subtraction":
+        return scene_from(scene, frames, identity, reporter, source=with_)
+    if isinstance(scene, Scene):
+        scene = replace(scene, foreground=replace(scene.foreground, source="program"))
+    return scene_from(scene, frames, identity, reporter, source="program")
 
 
 def _remedy(scene: Scene, folder: Path) -> str:

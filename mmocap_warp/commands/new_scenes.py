@@ -1,11 +1,11 @@
-"""Scenes that are written: of a folder of videos, of a body that moves, of HumanEva-I.
+"""Scenes that are written: of a folder of videos, of a body that moves, of published data sets.
 
-``mmocap init``, ``mmocap synth`` and ``mmocap humaneva``.
+``mmocap init``, ``mmocap synth``, ``mmocap dataset`` and ``mmocap humaneva``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,9 @@ from mmocap_warp.body.model import motion_named
 from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
 from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.formats.humaneva.sequence import FIRST_FRAME, HumanEvaSequence, read_sequence, write_scene
+from mmocap_warp.formats.datasets.dataset_scene import DatasetScene
+from mmocap_warp.formats.humaneva.sequence import FIRST_FRAME, HumanEvaSequence, as_scene, read_sequence
+from mmocap_warp.formats.table import read_dataset
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.scene.drafting import Draft, draft_scene
@@ -145,19 +147,40 @@ def import_humaneva(
         InputError: data that are missing or cannot be read.
     """
     sequence = read_sequence(root, subject, action, FIRST_FRAME if first is None else first, last)
-    write_scene(new_folder(output, force=force), sequence)
-    for warning in _oddities(sequence):
-        (reporter or Reporter()).warn(warning)
+    _write(as_scene(sequence), output, force, reporter)
     return sequence
 
 
-def _oddities(sequence: HumanEvaSequence) -> Iterator[str]:
-    """What is odd in the data but may be so."""
-    if not sequence.starts_as_published:
-        starts = ", ".join(str(start) for start in sequence.sync.start[:3])
-        yield (
-            f"videos C1, C2, C3 start at their frames {starts}, others who use the data found other ones; "
-            "has its Critical_Update_OFS_files been applied?"
-        )
-    if sequence.no_joints:
-        yield f"the truth has markers but no joints: {sequence.no_joints}"
+@releases_locks
+def import_dataset(
+    name: str,
+    root: str | Path,
+    parts: Sequence[str],
+    output: str | Path,
+    *,
+    force: bool = False,
+    reporter: Reporter | None = None,
+) -> DatasetScene:
+    """Write a recording of your own copy of a published data set as a scene.
+
+    Args:
+        name: of the data set, such as panoptic.
+        root: the folder that holds your copy.
+        parts: which recording, such as S1 Seq1; see the docs on sequences.
+        output: the folder to write; the scene's file is scene.toml there.
+        force: write into a folder that holds files.
+        reporter: who is told of warnings.
+
+    Raises:
+        UsageError: an unknown data set, or too few or too many parts.
+        InputError: data that are missing or cannot be read.
+    """
+    scene = read_dataset(name, Path(root), parts)
+    _write(scene, output, force, reporter)
+    return scene
+
+
+def _write(scene: DatasetScene, output: str | Path, force: bool, reporter: Reporter | None) -> None:
+    scene.write(new_folder(output, force=force))
+    for note in scene.notes:
+        (reporter or Reporter()).warn(note)

@@ -1,5 +1,7 @@
 """The calibrations that are read and written and the animations that a result is exported to, known by their endings.
 
+And the data sets that become scenes, known by their names.
+
 A new format is a file in this room and a line here; see CONTRIBUTING.md. A format's module is imported when a file of
 it is read or written, so that the table itself costs nothing to import.
 """
@@ -7,16 +9,17 @@ it is read or written, so that the table itself costs nothing to import.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.cameras.rig import CameraRig
+    from mmocap_warp.formats.datasets.dataset_scene import DatasetScene
     from mmocap_warp.result.result import Result
 
 
@@ -119,6 +122,53 @@ EXPORT_SUFFIXES: tuple[str, ...] = tuple(suffix for format in EXPORTS for suffix
 """Endings that an exported animation may have."""
 
 
+@dataclass(frozen=True)
+class Dataset:
+    """A published data set."""
+
+    title: str  # what people call it
+    parts: tuple[str, ...]  # what names a recording in it, besides its root; those in brackets may be left out
+    function: str  # as of a ``Format``; it takes the root and the parts
+    tried_on: str  # on which data its reader was tried
+
+    def usage(self, name: str) -> str:
+        """How a recording of it is named on the command line."""
+        return " ".join(["mmocap dataset", name, "ROOT", *self.parts])
+
+
+_TWINS = "made twins"
+
+DATASETS: dict[str, Dataset] = {
+    "humaneva": Dataset(
+        "HumanEva-I", ("SUBJECT", "ACTION", "[FIRST]", "[LAST]"), "humaneva.sequence:read_humaneva", _TWINS
+    ),
+    "panoptic": Dataset("CMU Panoptic", ("[PERSON]",), "datasets.panoptic:read_panoptic", _TWINS),
+    "biocv": Dataset("BioCV", ("TRIAL",), "datasets.biocv:read_biocv", _TWINS),
+    "mpi-inf-3dhp": Dataset("MPI-INF-3DHP", ("SUBJECT", "SEQUENCE"), "datasets.mpi_inf_3dhp:read_3dhp", _TWINS),
+    "dannce": Dataset(
+        "DANNCE, Rat7M", ("[FIRST]",), "datasets.dannce:read_dannce", f"{_TWINS}, and DANNCE's own label file"
+    ),
+}
+"""By their names on the command line."""
+
+
+def read_dataset(name: str, root: Path, parts: Sequence[str]) -> DatasetScene:
+    """Read a recording of a data set in ``DATASETS``.
+
+    Raises:
+        UsageError: another name, or too few or too many parts.
+        InputError: data that are missing or cannot be read.
+    """
+    if name not in DATASETS:
+        raise UsageError(f"there is no data set {name!r}; there are {', '.join(DATASETS)}")
+    dataset = DATASETS[name]
+    needed = [part for part in dataset.parts if not part.startswith("[")]
+    if not len(needed) <= len(parts) <= len(dataset.parts):
+        raise UsageError(f"a recording of {dataset.title} is named so: {dataset.usage(name)}")
+    scene: DatasetScene = _function(dataset.function)(root, *parts)
+    return scene
+
+
 def read_calibration(
     path: Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
 ) -> CameraRig:
@@ -155,6 +205,8 @@ def write_calibration(path: Path, rig: CameraRig) -> None:
     Raises:
         InputError: an unknown name, a format that cannot hold these cameras, or files that cannot be written.
     """
+    if rig.K[:, 0, 1].any() and not path.name.lower().endswith((".toml", ".yml")):
+        raise InputError(path, "cannot hold the skew that these cameras have", "write a .toml or intri.yml")
     calibration_export(path).load()(path, rig)
 
 

@@ -57,12 +57,14 @@ class VideoFile:
         count: frames that the file says it has.
         size: width and height [px].
         fps: frames per second that the file says it has.
+        channel: the one of blue, green and red, 0 to 2, that is read; None for all.
     """
 
     path: Path
     count: int
     size: tuple[int, int]
     fps: float
+    channel: int | None = None
     soft = True
 
     def __len__(self) -> int:
@@ -74,7 +76,7 @@ class VideoFile:
         return (self.path,)
 
     def read(self, first: int = 0) -> Iterator[np.ndarray]:
-        """Frames from ``first`` on, (height, width, 3) BGR uint8."""
+        """Frames from ``first`` on, (height, width, 3) BGR uint8, or (height, width) of one channel."""
         capture = cv2.VideoCapture(str(self.path))
         try:
             for frame in range(self.count):
@@ -87,7 +89,7 @@ class VideoFile:
                 if image.shape[1::-1] != self.size:
                     found, stated = "{1}x{0}".format(*image.shape), "{}x{}".format(*self.size)
                     raise InputError(self.path, f"frame {frame} is {found}, the file says {stated}", "copy it again")
-                yield image
+                yield image if self.channel is None else image[..., self.channel]
         finally:
             capture.release()
 

@@ -84,9 +84,19 @@ def open_masks(path: Path) -> Masks:
 
 
 def _read(path: Path, member: Path | TarMember) -> np.ndarray | Labels:
-    data = read_member(path, member) if isinstance(member, TarMember) else read_file(member)
+    if isinstance(member, TarMember):
+        return _decode(read_member(path, member), path / member.name)
+    return read_mask_image(member)
+
+
+def read_mask_image(file: Path) -> np.ndarray | Labels:
+    """A mask's image file, unchanged; of an indexed PNG its objects."""
+    return _decode(read_file(file), file)
+
+
+def _decode(data: bytes, source: Path) -> np.ndarray | Labels:
     labels = palette_labels(data)
-    return decode_image(data, _name(path, member)) if labels is None else labels
+    return decode_image(data, source) if labels is None else labels
 
 
 def _name(path: Path, member: Path | TarMember) -> Path:

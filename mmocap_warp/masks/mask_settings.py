@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-SOURCES: tuple[str, ...] = ("masks", "clean_plate", "background_video", "recording")
 MODELS: tuple[str, ...] = ("gaussian", "mog2", "knn")
+BACKGROUNDS: tuple[str, ...] = ("clean_plate", "background_video", "recording")
+"""The sources that are subtracted, the best first."""
+SOURCES: tuple[str, ...] = ("masks", *BACKGROUNDS, "program")
 SUBTRACTION: tuple[str, ...] = ("source", "model", "threshold", "noise", "shadow_brightness", "shadow_chroma")
 """Settings that decide what is subtracted; the others decide what is made of that."""
 KEEP: tuple[str, ...] = ("all", "largest", "nearest")
@@ -17,7 +19,7 @@ class ForegroundSettings:
 
     Attributes:
         source: ``masks`` are given; or the background is learnt from a ``clean_plate``, a ``background_video`` or the
-            ``recording`` itself (whose subject must not stand still).
+            ``recording`` itself (whose subject must not stand still); or a ``program`` makes them in ``mmocap mask``.
         model: what is learnt: ``gaussian`` (colour statistics per pixel), OpenCV's ``mog2`` or ``knn``.
         threshold: of ``gaussian``: Mahalanobis distance from the background beyond which a pixel is foreground.
         noise: of ``gaussian`` and ``mog2``: least standard deviation per channel [gray levels of 256].
@@ -72,7 +74,7 @@ class ForegroundSettings:
     @property
     def model_remembers(self) -> bool:
         """Whether what is subtracted from a frame depends on the frames before it."""
-        return self.source != "masks" and self.model == "knn"
+        return self.source in BACKGROUNDS and self.model == "knn"
 
 
 SUBTRACTED = ForegroundSettings(
@@ -81,4 +83,4 @@ SUBTRACTED = ForegroundSettings(
 """What a scene starts from when masks are subtracted rather than given."""
 
 GIVEN = ForegroundSettings(keep="nearest")
-"""What a scene starts from when masks are given."""
+"""What a scene starts from when masks are given, or made by a program."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -97,6 +99,7 @@ def _lens(rig: CameraRig) -> np.ndarray:
 
 _IN_MEMORY = 2**26  # bytes; larger amounts go to a temporary file
 _LEVEL = 1  # a mask of 640 x 480 takes 1 to 2 KB, in 0.1 ms; higher levels bring little
+_FRAMES_AHEAD = 4  # that are read while one is tracked
 
 
 class KeptObservations:
@@ -132,6 +135,12 @@ class KeptObservations:
         empty = np.broadcast_to(np.uint32(0), observation.words.shape)  # its shape, and no memory
         self._frames.append((length, replace(observation, words=empty)))
 
+    def through(self, observations: Iterable[Observation]) -> Iterator[Observation]:
+        """Give observations on, each put aside before."""
+        for observation in observations:
+            self.add(observation)
+            yield observation
+
     def __len__(self) -> int:
         return len(self._frames)
 
@@ -141,3 +150,17 @@ class KeptObservations:
         for length, frame in self._frames:
             words = np.frombuffer(zlib.decompress(self._file.read(length)), "<u4")
             yield replace(frame, words=words.reshape(frame.words.shape))
+
+
+def read_ahead(observations: Iterable[Observation]) -> Iterator[Observation]:
+    """The same observations; a thread reads the next ones while the caller works on one."""
+    stream = iter(observations)
+    with ThreadPoolExecutor(1) as reader:
+        waiting = deque(reader.submit(next, stream, None) for _ in range(_FRAMES_AHEAD))
+        try:
+            while (observation := waiting.popleft().result()) is not None:
+                waiting.append(reader.submit(next, stream, None))
+                yield observation
+        finally:
+            for task in waiting:
+                task.cancel()

@@ -212,6 +212,7 @@ def hull_thickness(
     pixels: np.ndarray,
     depth: float,
     least: int = 2,
+    tolerate: int = 0,
 ) -> np.ndarray:
     """Length of the rays through camera ``k``'s pixels that lies inside the other cameras' silhouettes [m].
 
@@ -223,6 +224,7 @@ def hull_thickness(
         pixels: (n, 2) column and row.
         depth: about which the rays are followed [m].
         least: how many others must see a point.
+        tolerate: how many others may see background there.
 
     Returns:
         (n,) float [m].
@@ -230,7 +232,7 @@ def hull_thickness(
     rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(rig.K[k]).T  # depth 1
     depths = np.arange(max(depth - _RAY_REACH, _STEP), depth + _RAY_REACH, _STEP, dtype=np.float32)
     agree = np.zeros((len(rays), len(depths)), np.int8)
-    possible = np.ones(agree.shape, bool)
+    misses = np.zeros_like(agree)
     for j in others:
         # A point at depth z is z * direction + origin in camera j's homogeneous pixels: linear in z.
         turn = rig.R[j] @ rig.R[k].T
@@ -243,6 +245,6 @@ def hull_thickness(
         inside = (w > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
         hit = masks[j].ravel()[np.where(inside, row * width + column, 0).astype(np.int32)] & inside
         agree += hit
-        possible &= hit | ~inside
-    count = (possible & (agree >= least)).sum(axis=1)
+        misses += inside & ~hit
+    count = ((misses <= tolerate) & (agree >= least)).sum(axis=1)
     return count * _STEP * np.linalg.norm(rays, axis=1)

@@ -17,6 +17,7 @@ brings them: where tracking has no error of its own.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,18 +69,25 @@ def attach(
     corner = vertices[triangles].astype(np.float64)
     centre = corner.mean(axis=1)
     radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)
-    everywhere = np.arange(len(triangles))
-    place = np.zeros((len(points), 3))
-    nearest = np.zeros(len(points), int)
+    everywhere, (a, b, c) = np.arange(len(triangles)), triangles.T
+    # Of all triangles, those which may hold a point's nearest place.
+    candidates = []
     for i, point in enumerate(points):
-        among = everywhere if allowed is None else np.flatnonzero(allowed[i, triangles].any(axis=1))
+        among = everywhere
+        if allowed is not None:
+            among = np.flatnonzero(allowed[i][a] | allowed[i][b] | allowed[i][c])
         if not len(among):
             raise ValueError(f"allowed leaves no triangle for point {i}")
         away = np.linalg.norm(centre[among] - point, axis=1)
-        near = among[away - radius[among] <= away.min()]  # no other triangle can hold the nearest place
-        on_each = _nearest_places(point, corner[near])
-        closest = np.argmin(((on_each - point) ** 2).sum(axis=1))
-        nearest[i], place[i] = near[closest], on_each[closest]
+        candidates.append(among[away - radius[among] <= away.min()])
+    # The nearest of the places on these, for all points at once.
+    triangle = np.concatenate(candidates) if candidates else everywhere[:0]
+    point = np.repeat(points, [len(each) for each in candidates], axis=0)
+    on_each = _nearest_places(point, corner[triangle])
+    distance = ((on_each - point) ** 2).sum(axis=1)
+    begin = np.cumsum([0, *map(len, candidates)])
+    closest = [first + np.argmin(distance[first:last]) for first, last in pairwise(begin)]
+    nearest, place = triangle[closest], on_each[closest]
     weights = np.maximum(_barycentric(place, corner[nearest]), 0.0)  # a place on an edge is outside by a rounding
     return SkinPoints(triangles[nearest], weights / weights.sum(axis=1, keepdims=True))
 
@@ -88,7 +96,7 @@ _ZERO = 1e-13  # square metres, and their squares: so near the border of two cas
 
 
 def _nearest_places(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(triangle, 3) the place on each triangle (triangle, 3, 3) that is nearest to a point (3,) [m].
+    """(triangle, 3) the place on each triangle (triangle, 3, 3) that is nearest to its point (triangle, 3) [m].
 
     It is a corner, on an edge or inside: C. Ericson, *Real-Time Collision Detection* (2005), section 5.1.5, has these
     cases and names.

@@ -25,6 +25,7 @@ from mmocap_warp.whole_file import file_name, read_text, write_whole
 RATE_TOLERANCE = 0.005
 """Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
 
+_CHANNELS = ("blue", "green", "red")  # in OpenCV's order
 _MAX_OFFSET = 1e8  # frames
 _HEADER = re.compile(r"\s*\[(?!\[)(?P<name>.*)\]\s*(#.*)?$")
 _OFFSET = re.compile(r"\s*(frame_offset|offset)\s*=")
@@ -123,6 +124,11 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
     left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
     right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
     masks = opened("masks", open_masks)
+    channel = table.take_choice("mask_channel", ("", *_CHANNELS), "")
+    if channel and not isinstance(masks, VideoFile):
+        raise table.error("mask_channel is for masks that are a video", "leave it out")
+    if channel and isinstance(masks, VideoFile):
+        masks = replace(masks, channel=_CHANNELS.index(channel))
     own_fps = table.take("fps", float, fps)
     if not 0 < own_fps < 100_000:
         raise table.error(f"fps = {own_fps:g} is not a frame rate", "give the frames per second of this camera")

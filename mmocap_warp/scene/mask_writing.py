@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -18,6 +18,7 @@ from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.whole_file import file_name, write_whole
 
 _TINT = np.array([31, 210, 255], np.uint8)  # BGR, the masks' colour in the overlays of results too
+_ADDED, _TAKEN = np.array([255, 90, 0], np.uint8), np.array([40, 40, 255], np.uint8)  # BGR: blue, red
 _VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
 
 
@@ -32,14 +33,18 @@ def write_masks(
     progress: Callable[[int], None] | None = None,
     look: Callable[[list[np.ndarray]], None] | None = None,
     refine: Refine | None = None,
+    images: Iterable[list[np.ndarray | None]] | None = None,
+    make_consistent: Callable[[list[np.ndarray]], list[np.ndarray]] | None = None,
 ) -> Path:
     """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
 
     The folder gets ``<camera>/<frame>.png`` (1 bit), each camera's :class:`~mmocap_warp.scene.kept_masks.MaskMark`,
     ``overlay.webm``, ``pinholes.toml`` (the cameras that the masks belong to, for other programs) and last
     ``scene.toml``: the same scene, whose masks are made, read back exactly at ``scale``. Files of the same names are
-    replaced. ``refine`` makes a frame's masks better, ``look`` is called with them, per camera (height, width) bool,
-    and ``progress`` after each frame with the number of frames done.
+    replaced. ``make_consistent`` and then ``refine`` make a frame's masks better, and the overlay shows what
+    the first of them has changed. ``look`` is called with them, per camera (height, width) bool,
+    and ``progress`` after each frame with the number of frames done. ``images`` are the scene's, where they lie
+    somewhere in the meantime.
 
     Returns:
         Path of the new ``scene.toml``.
@@ -58,15 +63,18 @@ def write_masks(
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, each in enumerate(folders):  # before any mask, so that none is ever without
-        _mask_mark(scene, k, scale).write(each)
+        mask_mark(scene, k, scale, repaired=make_consistent is not None).write(each)
     with WebmFile(folder / "overlay.webm", scene.rate) as video:
-        frames = zip(scene.masks(scale), scene.images(scale), strict=True)
-        for f, (masks, images) in enumerate(frames):
+        frames = zip(scene.masks(scale), scene.images(scale) if images is None else images, strict=True)
+        for f, (masks, views) in enumerate(frames):
+            before = masks
+            if make_consistent is not None:
+                masks = make_consistent(masks)
             if refine is not None:
-                masks = refine(masks, images)
+                before, masks = [], refine(masks, views)
             for each, mask in zip(folders, masks, strict=True):
                 write_png(each / f"{f:06d}.png", mask)
-            video.write(draw_masks(masks, images))
+            video.write(draw_masks(masks, views, before))
             if look is not None:
                 look(masks)
             if progress is not None:
@@ -75,8 +83,9 @@ def write_masks(
     return folder / "scene.toml"
 
 
-def _mask_mark(scene: Scene, k: int, scale: float) -> MaskMark:
-    source, rig, repaired = scene.cameras[k], scene.calibrated, scene.foreground.repair
+def mask_mark(scene: Scene, k: int, scale: float, repaired: bool = False) -> MaskMark:
+    """What the masks that are written of camera ``k`` are of."""
+    source, rig, repaired = scene.cameras[k], scene.calibrated, repaired or scene.foreground.repair
     placed = source.recorded_scale, source.recorded_offset
     return MaskMark(
         camera=source.name,
@@ -91,13 +100,19 @@ def _mask_mark(scene: Scene, k: int, scale: float) -> MaskMark:
     )
 
 
-def draw_masks(masks: list[np.ndarray], images: list[np.ndarray | None]) -> np.ndarray:
-    """All views side by side: masks tinted and outlined over the images (BGR), or over gray where there is none."""
+def draw_masks(
+    masks: list[np.ndarray], images: list[np.ndarray | None], before: Sequence[np.ndarray] = ()
+) -> np.ndarray:
+    """All views side by side: masks tinted and outlined over the images (BGR), or over gray where there is none.
+
+    What was added to or taken from the masks that were there ``before`` has colours of its own.
+    """
     height = min(_VIEW_HEIGHT, max(mask.shape[0] for mask in masks))
     views = []
-    for mask, image in zip(masks, images, strict=True):
+    for mask, image, old in zip(masks, images, before or masks, strict=True):
         view = np.full((*mask.shape, 3), 40, np.uint8) if image is None else image.copy()
-        view[mask] = view[mask] // 2 + _TINT // 2
+        for part, tint in ((mask, _TINT), (mask & ~old, _ADDED), (old & ~mask, _TAKEN)):
+            view[part] = view[part] // 2 + tint // 2
         contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         cv2.drawContours(view, contours, -1, _TINT.tolist(), 1)
         size = (max(1, round(view.shape[1] * height / view.shape[0])), height)

@@ -301,6 +301,8 @@ class Scene:
             for image in frames_by_number(source.masks, map(source.mask_number, frames)):
                 yield None if image is None else resample.mask(decode_mask(image, identity, soft))
             return
+        if self.foreground.source == "program":
+            raise InputError(self.path, "its masks are not made yet", "make them with mmocap mask, and track these")
         yield from self._subtracted_once(k, scale, frames)
 
     def _subtracted_once(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
@@ -341,11 +343,16 @@ class Scene:
 
     def images(self, scale: float = 1.0, first: int = 0, count: int | None = None) -> Iterator[list[np.ndarray | None]]:
         """Undistorted BGR images, pixel for pixel as the masks; None for a camera without video or frame."""
-        frames = self._numbers(first, count)
-        maps = [self._undistortion(k, scale) for k in range(len(self.cameras))]
-        streams = [frames_by_number(source.video, map(source.number, frames)) for source in self.cameras]
-        for images in zip(*streams, strict=True):
-            yield [None if image is None else maps[k].image(as_colour(image)) for k, image in enumerate(images)]
+        streams = [self.camera_images(k, scale, first, count) for k in range(len(self.cameras))]
+        yield from map(list, zip(*streams, strict=True))
+
+    def camera_images(
+        self, k: int, scale: float = 1.0, first: int = 0, count: int | None = None
+    ) -> Iterator[np.ndarray | None]:
+        """As :meth:`images`, of camera ``k`` alone."""
+        source, to_pinhole = self.cameras[k], self._undistortion(k, scale)
+        for image in frames_by_number(source.video, map(source.number, self._numbers(first, count))):
+            yield None if image is None else to_pinhole.image(as_colour(image))
 
     def _numbers(self, first: int, count: int | None) -> range:
         """The recording's numbers of ``count`` frames from the ``first`` on."""

@@ -17,18 +17,25 @@ from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.masks.frames import Frames
 from mmocap_warp.masks.mask_files import Masks
 from mmocap_warp.masks.mask_image import Labels, decode_mask, identities_of
-from mmocap_warp.masks.mask_settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
+from mmocap_warp.masks.mask_settings import BACKGROUNDS, GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.kept_masks import MARK_NAME, MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
 
 _WAYS_TO_MASKS = (
-    "add masks, got in one of three ways: mmocap mask makes them by background subtraction, once [foreground] source "
-    'is "recording", "clean_plate" or "background_video"; a segmenter such as SAM 2, rembg or MediaPipe writes them '
-    "from the video; or name masks that you have, a folder of images or a video"
+    "add masks, got in one of three ways: mmocap mask SCENE --with mediapipe (or another program, such as rembg or "
+    'SAM 2) makes them of the videos; mmocap mask subtracts the background, once [foreground] source is "recording", '
+    '"clean_plate" or "background_video"; or name masks that you have, a folder of images or a video'
 )
 
+_IMAGES = {  # by the source of the foreground, the images that every camera needs
+    "masks": ("masks",),
+    "clean_plate": ("video", "clean_plate"),
+    "background_video": ("video", "background"),
+    "recording": ("video",),
+    "program": ("video",),
+}
 _SAMPLES = 5  # number of mask images per camera that are looked at while loading
 _MIN_PICTURE_LEVEL = 32  # if all gray levels are below, they are rather labels than a picture
 _MAX_FOREGROUND = 0.8  # share of an image; a mask that shows more is inverted
@@ -41,6 +48,7 @@ def load_scene(
     *,
     masks: bool = True,
     calibrated: bool = True,
+    source: str | None = None,
 ) -> Scene:
     """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
 
@@ -53,6 +61,8 @@ def load_scene(
         calibrated: whether a calibration must be named, which must say where cameras stand, and cameras must agree on
             where they end. Without one, they are pinholes of the recorded images' sizes that stand nowhere in
             particular.
+        source: instead of the scene's own [foreground] source: ``"program"``, or ``"subtraction"`` for the best of the
+            backgrounds that the scene has.
 
     Raises:
         ValueError: ``frames`` that the recording does not have.
@@ -63,7 +73,7 @@ def load_scene(
     file = load_toml(path)
     # The file's tables; an unknown one is reported before anything else.
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
-    foreground = _read_foreground(file.take_table("foreground"), identity)
+    foreground = _read_foreground(file.take_table("foreground"), identity, source)
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     attached = take_attachments(file, path.parent)
     file.finish()
@@ -96,6 +106,9 @@ def load_scene(
     if not masks:  # frames are counted by what every camera has
         have_masks = all(source.masks is not None for source in sources)
         foreground = replace(foreground, source="masks" if have_masks else "recording")
+    elif source == "subtraction" and foreground.source == "recording":
+        kinds = (kind for kind in BACKGROUNDS if all(getattr(each, need) for each in sources for need in _IMAGES[kind]))
+        foreground = replace(foreground, source=next(kinds, "recording"))
     _check_sources(sources, rig, foreground, cameras, masks, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
@@ -143,9 +156,13 @@ def _take_frames(table: Table) -> FrameChoice:
         raise table.error(str(error), 'give a count, "first:end" or "first:end:stride"') from None
 
 
-def _read_foreground(table: Table, identity: int | None) -> ForegroundSettings:
-    source = table.take_choice("source", SOURCES, "masks")
-    default = GIVEN if source == "masks" else replace(SUBTRACTED, source=source)
+def _read_foreground(table: Table, identity: int | None, source: str | None) -> ForegroundSettings:
+    stated = table.take_choice("source", SOURCES, "masks")
+    if source == "subtraction":
+        source = stated if stated in BACKGROUNDS else "recording"
+    source = source or stated
+    has_identities = source in ("masks", "program")
+    default = replace(GIVEN if has_identities else SUBTRACTED, source=source)
     values: dict[str, Any] = {
         "model": table.take_choice("model", MODELS, default.model),
         "keep": table.take_choice("keep", KEEP, default.keep),
@@ -156,7 +173,7 @@ def _read_foreground(table: Table, identity: int | None) -> ForegroundSettings:
     table.finish()
     if identity is not None:
         values["identity"] = identity
-    if values["identity"] and source != "masks":
+    if values["identity"] and not has_identities:
         raise table.error("identity chooses among given masks; these are subtracted", "leave it out")
     try:
         return replace(default, **values)
@@ -174,8 +191,7 @@ def _check_sources(
 ) -> None:
     if foreground.repair and len(sources) < 3:
         raise table.error(f"repair needs at least 3 cameras, this scene has {len(sources)}", "set repair = false")
-    wanted = {"masks": ("masks",), "recording": ("video",), "clean_plate": ("video", "clean_plate")}
-    needs = wanted.get(foreground.source, ("video", "background")) if masks else ()
+    needs = _IMAGES[foreground.source] if masks else ()
     for k, source in enumerate(sources):
         where = f"{table.source}: [cameras.{source.name}]"
         # Every camera has the images that masks are made from,

@@ -19,7 +19,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
-from mmocap_warp.masks.observation import KeptObservations, Observation
+from mmocap_warp.masks.observation import KeptObservations, Observation, read_ahead
 from mmocap_warp.masks.repeats import repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
@@ -158,17 +158,17 @@ def track(
     with KeptObservations() as kept:
         follows = scene.foreground.keep == "nearest"
         body = body_masks(subject, rig, lambda: tracker.state.pose) if follows else None
-        observations = scene.observations(config.scale, first=len(answers), body=body)
+        observations = kept.through(scene.observations(config.scale, first=len(answers), body=body))
+        if body is None:
+            observations = read_ahead(observations)
         with saved or nullcontext():
-            answers += track_frames(
-                tracker, observations, first=len(answers), keep=kept.add, saved=saved, progress=progress
-            )
+            answers += track_frames(tracker, observations, first=len(answers), saved=saved, progress=progress)
         result = collect(subject, rig, scene.fps, config, answers, scene.frames)
 
         # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
         # no room for, are read again.
         def masks() -> Iterable[Observation]:
-            return kept if len(kept) == len(answers) else scene.observed(tracked_masks(scene, result))
+            return read_ahead(kept if len(kept) == len(answers) else scene.observed(tracked_masks(scene, result)))
 
         return _finished(result, config, masks, smooth_progress)
 

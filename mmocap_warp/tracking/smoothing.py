@@ -145,7 +145,7 @@ class _MaskWindow:
         self._body_fitter.set_change(self.body_changes.vertex, self.body_changes.joint)
         self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
         self._wide_fitter = make_fitter(subject, raw.cameras, config, max(1, len(self.pairs)), matching=WIDE)
-        self._objective = make_objective(subject, raw.cameras, config, len(raw.pose))
+        self._objective = make_objective(subject, raw.cameras, config, max(candidates, len(raw.pose)))
         self._uncovered = UncoveredArea(subject, raw.cameras)
         self.starts = RecoveryStarts(subject, raw.cameras, config)
         self._judged: int | None = None  # the frame that the objective observes
@@ -200,14 +200,18 @@ class _MaskWindow:
 
     def judged(self, frame: int, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Costs (pose,) by areas and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen."""
-        observation, count = self._held[frame % self._places], len(pose)
+        observation, objective = self._held[frame % self._places], self._objective
+        cost, iou = np.full(len(pose), np.nan), np.full((len(pose), len(observation.foreground)), np.nan)
         if not observation.foreground.any():
-            return np.full(count, np.nan), np.full((count, len(observation.foreground)), np.nan)
-        if frame != self._judged:  # many poses of one frame are judged in a row
-            self._objective.observe(observation)
+            return cost, iou
+        if frame != self._judged:  # poses of one frame are judged in a row
+            objective.observe(observation)
             self._judged = frame
-        cost = self._objective.costs(pose)
-        return cost, overlap(self._objective.count.numpy()[:count], observation)
+        for first in range(0, len(pose), objective.candidates):
+            part = slice(first, min(first + objective.candidates, len(pose)))
+            cost[part] = objective.costs(pose[part])
+            iou[part] = overlap(objective.count.numpy()[: part.stop - first], observation)
+        return cost, iou
 
     def uncovered(self, frame: int, poses: np.ndarray) -> list[Uncovered]:
         """What poses (pose, coordinate) leave uncovered of a frame's masks."""
@@ -343,10 +347,10 @@ class _RunSmoother:
 
     def _area_costs(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
         """(pose,) what the masks of frames and the body in a pose for each do not cover of each other."""
-        poses = self._rooting.leave(rooted, np.zeros(3))
-        return np.array(
-            [self._masks.judged(frame, pose[None])[0][0] for frame, pose in zip(frames, poses, strict=True)]
-        )
+        poses, cost = self._rooting.leave(rooted, np.zeros(3)), np.zeros(len(frames))
+        for same in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(frames)) + 1):
+            cost[same] = self._masks.judged(int(frames[same[0]]), poses[same])[0]
+        return cost
 
 
 def _with_interpolated(status: np.ndarray) -> np.ndarray:

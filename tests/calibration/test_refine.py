@@ -16,7 +16,7 @@ from mmocap_warp.calibration.camera_check import CameraCheck, check, gross_mista
 from mmocap_warp.calibration.refine.refinement import Refinement, refine
 
 CONFIG = AdjustConfig(frames=7, judges=3, scale=0.35, device="cpu")
-FRAMES = 12
+FRAMES = 10
 WRONG = 2
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mmocap_warp.errors import InputError
 from mmocap_warp.masks import observation
-from mmocap_warp.masks.observation import KeptObservations, Observation
+from mmocap_warp.masks.observation import KeptObservations, Observation, read_ahead
 
 
 @pytest.mark.parametrize("in_memory", [2**28, 100])
@@ -64,3 +67,28 @@ def test_a_full_disk_is_noticed_at_once(monkeypatch):
         with KeptObservations() as kept:
             kept.add(frame)
             assert len(kept) == 0
+
+
+def test_reading_ahead_gives_the_same_frames_and_then_the_error_of_the_one_that_failed() -> None:
+    """What follows the failure is not read, and an end in the middle leaves no thread behind."""
+    read: list[int] = []
+
+    def observations(failing: int) -> Iterator[Observation]:
+        for number in range(20):
+            if number == failing:
+                raise InputError("cam1/0007.png", "is no image", "export it again")
+            read.append(number)
+            yield Observation.from_masks([np.full((2, 40), number % 2 == 0)])
+
+    ahead = read_ahead(observations(failing=7))
+    seen = [bool(next(ahead).foreground[0]) for _ in range(7)]
+    assert seen == [True, False, True, False, True, False, True]
+    with pytest.raises(InputError, match="0007"):
+        next(ahead)
+    assert read == list(range(7))
+    threads = threading.active_count()
+    stopped = read_ahead(observations(failing=20))
+    next(stopped)
+    stopped.close()
+    assert threading.active_count() == threads
+    assert len(read) < 7 + 20

@@ -38,6 +38,30 @@ def test_projection_equals_opencv() -> None:
         np.testing.assert_allclose(pixels, expected[:, 0], rtol=0, atol=PIXEL)
 
 
+@pytest.mark.parametrize("lens", [LENS, np.zeros(5)])
+def test_a_skew_is_undone_with_the_lens(lens: np.ndarray) -> None:
+    rig = replace(ring_rig(1), distortion=lens[None])
+    K = rig.K.copy()
+    K[:, 0, 1] = 0.004 * K[:, 0, 0]
+    skewed = replace(rig, K=K)
+    points = np.random.default_rng(0).uniform([-0.8, 0, -0.8], [0.8, 1.8, 0.8], (50, 3))
+    # The matrix of K and the skew, after OpenCV's distortion at focal length 1.
+    turn = cv2.Rodrigues(rig.R[0])[0]
+    plane = cv2.projectPoints(points, turn, rig.t[0], np.eye(3), lens)[0][:, 0]
+    expected = np.column_stack([plane, np.ones(50)]) @ K[0].T
+    np.testing.assert_allclose(project(skewed, points)[0], expected[:, :2], rtol=0, atol=PIXEL)
+    np.testing.assert_array_equal(skewed.undistorted().K, rig.undistorted().K)
+    # An image whose gray levels are its columns tells where each pixel of the pinhole was found.
+    width, height = rig.size[0]
+    columns = np.tile(np.arange(width, dtype=np.float32), (height, 1))
+    found = undistortion(skewed, 0, 1.0).image(columns)
+    seen = np.rint(project(skewed.undistorted(), points)[0])
+    rays = np.column_stack([seen, np.ones(50)]) @ np.linalg.inv(rig.K[0]).T
+    at = np.column_stack([cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), lens)[0][:, 0], np.ones(50)])
+    where = (at @ K[0].T)[:, 0]
+    np.testing.assert_allclose(found[tuple(seen.astype(int).T[::-1])], where, rtol=0, atol=1 / 16)
+
+
 def test_points_behind_a_camera_have_no_pixel() -> None:
     rig = ring_rig(2)
     behind = rig.centres[0] - rig.R[0][2]

@@ -20,7 +20,7 @@ from mmocap_warp.synthesis.any_body import recorded, write_recorded
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.made_recording import Recording
 
-FRAMES = 8
+FRAMES = 6
 
 
 def moving() -> Recording:

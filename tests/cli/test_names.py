@@ -95,6 +95,13 @@ def test_no_command_takes_a_name_that_leads_elsewhere(tmp_path: Path, capsys, re
         assert files(tmp_path) == before
 
 
+@pytest.fixture
+def quickly_judged(monkeypatch) -> None:
+    """Of the masks that are written, those of one frame are compared."""
+    monkeypatch.setattr("mmocap_warp.masks.mask_check._COMPARED_FRAMES", 1)
+
+
+@pytest.mark.usefixtures("quickly_judged")
 @pytest.mark.parametrize("name", ODD)
 def test_odd_names_are_folders_of_that_name(tmp_path: Path, name: str) -> None:
     make_scene(tmp_path)
@@ -119,6 +126,7 @@ def not_utf8(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("quickly_judged")
 def test_images_are_read_in_a_folder_whose_name_is_not_utf8(not_utf8: Path) -> None:
     assert len(list(load_scene(not_utf8).masks())) == 3
     assert cli.main(["cameras", str(not_utf8)]) == OK

@@ -6,7 +6,6 @@ import json
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,77 +14,28 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from moving_figure import FRAMES, PROMISED, PROMISED_WITH_TRUTH, SCENE, write_moving_figure
 from person_skeleton import JOINTS
 from pxr import Usd, UsdGeom
-from small_scene import CAMERAS
-from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp import cli
-from mmocap_warp.body.posing import Poser
-from mmocap_warp.cameras.rig import project
-from mmocap_warp.cameras.silhouette import silhouette
 from mmocap_warp.cli import console
-from mmocap_warp.commands.demo import EXAMPLES, Example
-from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.truth_file import read_truth, write_truth
-from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body, write_subject
+from mmocap_warp.formats.truth_file import read_truth
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.result.evaluation import evaluate
-from mmocap_warp.result.truth import Truth
-from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.scene.scene_toml import load_scene
 
-FRAMES = 8
-SCENE = f"""
-[scene]
-fps = 60
-up = "+y"
-subject = "subject.usdc"
-{CAMERAS}
-[truth]
-file = "truth.usdc"
-[track]
-evaluations = 60
-device = "cpu"
-"""
-PROMISED = ("frames", "lost", "evaluations", "evaluations_per_second", "mean_iou", "worst_iou")
-PROMISED_WITH_TRUTH = ("marker_error_mm", "mpjpe_mm")
+FEW = ("--frames", "0:3")
+"""As many frames as show that a flag is taken."""
 
 
-@pytest.fixture(autouse=True)
-def no_network(monkeypatch) -> None:
-    """Whoever asks the network fails the test, whatever command it is."""
-
-    def asked(*arguments: object) -> None:
-        pytest.fail(f"the network was asked: {arguments}")
-
-    for name in ("connect", "connect_ex", "sendto"):
-        monkeypatch.setattr(socket.socket, name, asked)
-    monkeypatch.setattr(socket, "getaddrinfo", asked)
+pytestmark = pytest.mark.usefixtures("no_network")
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> Path:
-    """Three cameras see the test body move for eight frames; the truth is known."""
-    folder = tmp_path_factory.mktemp("recording")
-    subject, rig, poses = synthetic_subject(), ring_rig(3, (160, 120)), synthetic_poses(40)[:FRAMES]
-    poser = Poser(subject.body, subject.root_base)
-    vertices = poser.vertices(poses)
-    for frame, points in enumerate(poser.tracking_vertices(poses)):
-        for name, pixels in zip(rig.names, project(rig, points), strict=True):
-            (folder / "masks" / name).mkdir(parents=True, exist_ok=True)
-            mask = silhouette(pixels, subject.body.tracking_face, (160, 120))
-            cv2.imwrite(str(folder / "masks" / name / f"{frame:03d}.png"), mask)
-    write_toml_rig(folder / "calibration.toml", rig)
-    write_subject(folder / "subject.usdc", subject)
-    write_body(folder / "boxes.usdc", subject.body)
-    markers = vertices[:, subject.body.marker_vertex].astype(np.float64)
-    joints = poser.joint_transforms(poses)[:, :, :3, 3].astype(np.float64)
-    truth = Truth(60.0, np.arange(FRAMES), subject.body.marker_names, markers, JOINTS, joints)
-    write_truth(folder / "truth.usdc", truth, up="+y")
-    (folder / "scene.toml").write_text(SCENE)
-    return folder / "scene.toml"
+    return write_moving_figure(tmp_path_factory.mktemp("recording"))
 
 
 @pytest.fixture(scope="module")
@@ -123,13 +73,13 @@ def test_track_says_how_good_the_result_is(scene, tmp_path, capsys):
 
 
 def test_a_flag_wins_over_the_scene(scene, tmp_path, capsys):
-    report = answer(capsys, "track", scene, "-o", tmp_path / "r.usdc", "--evaluations", 30, "--runs", 2)
+    report = answer(capsys, "track", scene, "-o", tmp_path / "r.usdc", "--evaluations", 30, "--runs", 2, *FEW)
     assert report["config"]["evaluations"] == 30
-    assert 0 < report["evaluations"] <= 2 * FRAMES * 30
+    assert 0 < report["evaluations"] <= 2 * 3 * 30
 
 
 def test_settings_are_shown_with_where_they_come_from(scene, tmp_path, capsys):
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--seed", "5"]) == console.OK
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--seed", "5", *FEW]) == console.OK
     shown = capsys.readouterr().err
     assert "evaluations 60 (scene.toml)" in shown
     assert "seed 5 (flag)" in shown
@@ -146,7 +96,7 @@ def test_wrong_flags_are_wrong_usage(scene, tmp_path, capsys):
 
 
 def test_a_result_is_replaced_only_by_force(scene, tmp_path, capsys):
-    command = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]
+    command = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet", *FEW]
     assert cli.main(command) == console.OK
     before = (tmp_path / "r.usdc").stat().st_mtime_ns
     assert cli.main(command) == console.BAD_INPUT
@@ -176,7 +126,7 @@ sys.exit(cli.main(sys.argv[1:]))
 """Runs the command line with a checkpoint after every frame, and stops at the first until it is told to go on."""
 
 
-LONG = ("--quiet", "--evaluations", "600")
+LONG = ("--quiet", "--evaluations", "120")
 STOPS = {
     signal.SIGKILL: (-signal.SIGKILL, ""),
     signal.SIGINT: (console.INTERRUPTED, "mmocap: interrupted\n"),
@@ -345,7 +295,7 @@ def test_view_writes_a_page_with_masks_and_the_errors_of_the_scenes_truth(result
 def test_a_result_of_small_masks_is_drawn_over_larger_images(scene, tmp_path, capsys, monkeypatch):
     from mmocap_warp.scene.recording import Scene
 
-    answer(capsys, "track", scene, "-o", tmp_path / "r.usdc", "--scale", 0.5, "--evaluations", 12)
+    answer(capsys, "track", scene, "-o", tmp_path / "r.usdc", "--scale", 0.5, "--evaluations", 12, *FEW)
     drawn, images = [], Scene.images
     monkeypatch.setattr(Scene, "images", lambda self, scale, *rest: drawn.append(scale) or images(self, scale, *rest))
     answer(capsys, "show", tmp_path / "r.usdc")
@@ -418,52 +368,3 @@ def test_track_fits_first_where_no_subject_is_named(body, name, scene, tmp_path,
     answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--evaluations", 12)
     assert sorted(os.listdir(tmp_path)) == ["r.subject.usdc", "r.usdc"]
     assert read_result(tmp_path / "r.usdc").subject.body.name == name
-
-
-@pytest.mark.parametrize(("most", "code"), [(1000.0, console.OK), (1e-6, console.CHECK_FAILED)])
-def test_demo_checks_itself_and_writes_all_it_names(most, code, scene, tmp_path, monkeypatch, capsys):
-    shipped = tmp_path / "scenes"
-    shipped.mkdir()
-    (shipped / "walk").symlink_to(scene.parent)
-    monkeypatch.setattr("mmocap_warp.commands.demo.ROOT", shipped)
-    monkeypatch.setattr("mmocap_warp.commands.demo.MOST_ERROR_MM", most)
-    assert cli.main(["demo", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == code
-    report = json.loads(capsys.readouterr().out)
-    assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
-    assert sorted(os.listdir(tmp_path / "out")) == ["walk-error.svg", "walk.png", "walk.usdc", "walk.webm"]
-    assert all(Path(report[name]).is_file() for name in ("result", "overlay", "sheet", "plot"))
-
-
-def test_demo_of_another_body_makes_its_scene(tmp_path, monkeypatch, capsys):
-    hand, motions = body_file("hand"), read_motions(body_file("hand"))
-    short = replace(motions["Opening"], pose=motions["Opening"].pose[:2])
-    write_body(tmp_path / "hand.usdc", read_body(hand), {"Short": short})
-    monkeypatch.setitem(EXAMPLES, "hand", Example(str(tmp_path / "hand.usdc"), "Short", 3))
-    assert cli.main(["demo", "hand", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == console.OK
-    report = json.loads(capsys.readouterr().out)
-    assert report["mpjpe_share"] < 0.01
-    assert report["size_m"] == pytest.approx(0.212, abs=1e-3)
-    assert report["median_angle_deg"] < 3
-    files = {"hand-error.svg", "hand.png", "hand.usdc", "hand.webm"}
-    assert set(os.listdir(tmp_path / "out")) == files | {"hand-scene"}
-    assert cli.main(["demo", "hand", "-o", str(tmp_path / "out"), "--paper", "--quiet"]) == console.USAGE
-
-
-def test_demo_puts_the_papers_tracker_beside_it(scene, tmp_path, monkeypatch, capsys):
-    shipped = tmp_path / "scenes"
-    shipped.mkdir()
-    (shipped / "walk").symlink_to(scene.parent)
-    monkeypatch.setattr("mmocap_warp.commands.demo.ROOT", shipped)
-    assert cli.main(["demo", "-o", str(tmp_path / "out"), "--paper", "--quiet"]) in (
-        console.OK,
-        console.CHECK_FAILED,
-    )
-    told = capsys.readouterr().out
-    rows = [line.split() for line in told.splitlines() if line.startswith(("search-contour", "h-cmaes"))]
-    assert [row[0] for row in rows] == ["search-contour", "h-cmaes"]
-    own, papers = (read_result(tmp_path / "out" / f"{name}.usdc") for name in ("walk", "walk-h-cmaes"))
-    assert (own.config["algorithm"], papers.config["algorithm"]) == ("search-contour", "h-cmaes")
-    np.testing.assert_array_equal(own.subject.pose, papers.subject.pose)
-    drawn = {"walk-h-cmaes-error.svg", "walk-h-cmaes.png", "walk-h-cmaes.usdc", "walk-h-cmaes.webm"}
-    assert drawn <= set(os.listdir(tmp_path / "out"))
-    assert all(str(tmp_path / "out" / name) in told for name in drawn)

@@ -25,7 +25,7 @@ from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.frame_loop import track_observations
 
 seen = Observation.from_masks([np.eye(120, 160, dtype=bool)] * len(RIG))
-settings = TrackConfig("h-cmaes", evaluations=20, device="cpu", threads=2)
+settings = TrackConfig("h-cmaes", evaluations=20, renderer="raster", device="cpu", threads=2)
 track_observations(synthetic_subject(), RIG, [seen] * 2, FPS, settings)
 """
 """Tracks two frames in a process of its own."""

@@ -58,7 +58,7 @@ def test_what_is_seen_well_is_found_for_any_skeleton(name):
     assert solution.cost.shape == (60,)
 
 
-@pytest.mark.parametrize("rate", [15.0, 30.0, 60.0, 120.0])
+@pytest.mark.parametrize("rate", [15.0, 30.0, pytest.param(60.0, marks=pytest.mark.nightly), 120.0])
 def test_noise_is_taken_out_at_any_frame_rate(rate):
     case = Case(frames=round(1.5 * rate), rate=rate)
     alone = solved_clip(case.problem, case.start, coarse_then_fine(1e6))
@@ -148,7 +148,7 @@ def test_a_gap_is_not_cut_by_a_window(monkeypatch):
     assert np.abs(case.points.at(windows.rooted) - case.points.at(whole.rooted)).max() < 0.01
 
 
-@pytest.mark.parametrize("rate", [30.0, 60.0, 120.0])
+@pytest.mark.parametrize("rate", [30.0, pytest.param(60.0, marks=pytest.mark.nightly), 120.0])
 def test_a_punch_keeps_its_speed(rate):
     body = BODIES["person"]
     skeleton = body.skeleton

@@ -67,7 +67,7 @@ def test_joints_are_as_unsure_as_the_noise_makes_them():
     true = problem.points.at(rooted)
     rng = np.random.default_rng(3)
     errors, angles = [], []
-    for _ in range(60):
+    for _ in range(30):
         problem.linearise.target = true + rng.normal(0, 0.004, true.shape)
         found = solved_clip(problem, rooted).rooted
         errors.append((problem.points.at(found) - true)[:, ::4])

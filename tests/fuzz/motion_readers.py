@@ -95,7 +95,56 @@ def _read_measures(folder: Path) -> None:
     read_measures(folder / "S1.mp")
 
 
+_CALIB = "640\n480\n600 0 320\n0 600 240\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 4000\n0 0 0 1\n0 0 0 0 0\n"
+_SKELETOOL = (
+    "Skeletool Camera Calibration File V1.0\nname 0\n  sensor 10 10\n  size 640 480\n  animated 0\n"
+    "  intrinsic 600 0 320 0 0 600 240 0 0 0 1 0 0 0 0 1\n"
+    "  extrinsic 1 0 0 0 0 1 0 0 0 0 1 4000 0 0 0 1\n  radial 0\n"
+)
+_PANOPTIC = (
+    '{"cameras": [{"name": "00_01", "type": "hd", "resolution": [640, 480], "K": [[600, 0, 320], [0, 600, 240], '
+    '[0, 0, 1]], "distCoef": [0, 0, 0, 0, 0], "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [[0], [0], [400]]}]}'
+)
+
+
+def _read_biocv(folder: Path) -> None:
+    from mmocap_warp.cameras.rig import rig_of
+    from mmocap_warp.formats.datasets.biocv import _read_camera
+
+    rig_of([_read_camera(folder / "00.calib", "00")], "+z", folder)
+
+
+def _read_3dhp(folder: Path) -> None:
+    from mmocap_warp.formats.datasets.mpi_inf_3dhp import _read_rig
+
+    _read_rig(folder / "camera.calibration", {"video_0": folder / "video_0.avi"})
+
+
+def _read_panoptic(folder: Path) -> None:
+    from mmocap_warp.formats.datasets.panoptic import _read_rig
+
+    _read_rig(folder / "x.json", {"00_01": folder / "hd_00_01.mp4"})
+
+
+def _write_mat(folder: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(folder / "x.mat", {"mocap": {"HeadF": [[1.0, 2.0, 3.0]]}, "cameras": {"Camera1": {"frame": [0, 1]}}})
+
+
+def _read_mat(folder: Path) -> None:
+    from mmocap_warp.formats.datasets.dataset_scene import read_mat
+
+    read_mat(folder / "x.mat")
+
+
 READERS: tuple[Reader, ...] = (
+    Reader("biocv.calib", "00.calib", partial(write_text, **{"00__calib": _CALIB}), _read_biocv, LINES),
+    Reader(
+        "3dhp.calibration", "camera.calibration", partial(write_text, camera__calibration=_SKELETOOL), _read_3dhp, LINES
+    ),
+    Reader("panoptic.json", "x.json", partial(write_text, x__json=_PANOPTIC), _read_panoptic, mutations.any_bytes),
+    Reader("dataset.mat", "x.mat", _write_mat, _read_mat, mutations.any_bytes),
     Reader("truth.trc", "x.trc", partial(write_text, x__trc=_TRC), partial(read_truth, name="x.trc"), LINES),
     Reader("clip.bvh", "x.bvh", partial(write_text, x__bvh=BVH), partial(_read_clip, name="x.bvh"), LINES),
     *(

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from annealed_twin import Twin, bounded, mostly_judged, survival_rate, weights
 from minimising import (
     Search,
     assert_a_run_of_a_batch_is_the_single_run,
@@ -15,16 +16,13 @@ from minimising import (
     sphere,
     unjudged,
 )
-from scipy import optimize, stats
-from tracked_motion import motion, track_motion, tracker_of
+from scipy import stats
 
 from mmocap_warp.optimizers.annealed_filter import AnnealedFilter, AnnealedFilterConfig
-from mmocap_warp.tracking.tracker import TrackState
 
 TWIN = 1e-5  # of coordinates about 1, over a whole search in single precision
 SURVIVAL = 1e-3
 WEIGHT = 1e-5  # relative to the largest
-TRACKED = {"apf": 0.025, "psapf": 0.035}  # [m], mean marker error
 CHANCE = 1e-3  # probability under which a distribution is refused
 
 
@@ -43,90 +41,6 @@ def test_wrong_settings_are_refused(settings):
     ((name, value),) = settings.items()
     with pytest.raises(ValueError, match=rf"^{name} must .*{value}"):
         AnnealedFilterConfig(**settings)
-
-
-def survival_rate(weight):
-    """Eq. 7."""
-    return weight.sum(axis=-1) ** 2 / (weight**2).sum(axis=-1) / weight.shape[-1]
-
-
-def weights(cost, exponent):
-    """Normalised (particle,), of finite costs in [0, 1]."""
-    base = (1 - cost) / (1 - cost.min())
-    weight = np.where(base > 0, np.maximum(base, 1e-300) ** exponent, 0.0)
-    return weight / weight.sum()
-
-
-def annealed(cost, survival=0.5):
-    """The exponent for which the survival rate is nearest to the one that Eq. 8 asks for."""
-
-    def too_many(log_exponent):
-        return survival_rate(weights(cost, np.exp(log_exponent))) - survival
-
-    apart = np.log(1 - cost.min()) - np.log(1 - cost[(cost > cost.min()) & (cost < 1)])
-    if not len(apart):
-        return 1.0
-    softest, hardest = np.log(1e-3 / apart.max()), np.log(1e2 / apart.min())
-    if too_many(hardest) > 0:
-        return np.exp(hardest)
-    if too_many(softest) < 0:
-        return np.exp(softest)
-    return np.exp(optimize.brentq(too_many, softest, hardest, xtol=1e-13))
-
-
-class Twin:
-    """Fig. 3 for one run in float64, frame after frame, with partitions of so many dofs."""
-
-    def __init__(self, scale, particles, partitions):
-        self.scale = scale
-        self.selected, self.mean = np.zeros((particles, len(scale))), np.zeros(len(scale))
-        ends = np.cumsum(partitions)
-        parts = [slice(end - size, end) for size, end in zip(partitions, ends, strict=True)]
-        self.schedule = [(part, layer == 0) for part in parts for layer in range(10)]
-
-    def start(self, pose):
-        """At a pose (dof,), with the particles that the last frame selected."""
-        self.selected = self.selected + pose - self.mean
-        self.mean, self.layer = pose, 0
-
-    def ask(self, noise):
-        """(particle, dof), by random numbers (particle, number)."""
-        particles = len(self.selected)
-        part, opens = self.schedule[self.layer]
-        self.x = self.selected.copy()
-        if opens:
-            self.x[:, part] += self.scale[part] * noise[:, part]
-        else:
-            apart = self.selected[:, part] - self.selected[:, part].mean(axis=0)
-            spread = np.sqrt(0.5) * apart.std(axis=0)
-            step = np.sqrt(0.5 / particles) * noise[:, :particles] @ apart
-            self.x[:, part] += step * np.minimum(1.0, self.scale[part] / np.maximum(spread, 1e-300))
-        return self.x
-
-    def tell(self, cost, uniform):
-        """Weigh by costs (particle,) and select by random numbers (particle,)."""
-        judged = np.isfinite(cost)
-        if judged.any() and (cost[judged].min() < 0 or cost[judged].max() > 1):
-            cost = (cost - cost[judged].min()) / np.ptp(cost[judged])
-        cost = np.where(judged, cost, 1.0)
-        following = annealed(cost)
-        _part, opens = self.schedule[self.layer]
-        self.weight = weights(cost, following if opens else self.exponent)
-        self.exponent = following
-        self.mean = self.weight @ self.x
-        self.parent = np.searchsorted(np.cumsum(self.weight), uniform, side="right")
-        self.selected = self.x[self.parent]
-        self.layer += 1
-
-
-def bounded(x):
-    """In [0, 1), as the tracker's costs."""
-    return 1 - np.exp(-np.mean((x - 0.3) ** 2, axis=-1))
-
-
-def mostly_judged(x):
-    """A fifth of the particles cannot be judged."""
-    return np.where(x[..., 0] > np.quantile(x[..., 0], 0.8, axis=-1, keepdims=True), np.inf, bounded(x))
 
 
 @pytest.mark.parametrize("dofs", [1, 4, 6, 39])
@@ -148,50 +62,6 @@ def test_a_whole_search_is_the_twins(device, dofs, function):
             assert np.abs(now["weight"][run] - twin.weight).max() < WEIGHT * twin.weight.max()
             np.testing.assert_array_equal(now["parent"][run], twin.parent)
             assert np.abs(search.estimate()[run] - twin.mean).max() < TWIN
-
-
-@pytest.mark.parametrize(("algorithm", "partitions"), [("apf", [39]), ("psapf", [6, 9, 6, 6, 6, 6])])
-def test_twenty_frames_are_the_twins(device, monkeypatch, algorithm, partitions):
-    """The hand-over from frame to frame included, in which the root's angles come to be counted from elsewhere.
-
-    With 7 and 43 particles, as half of an even number may share the best cost: then many exponents solve Eq. 8.
-    """
-    tracker, _calls = tracker_of(algorithm, device, evaluations=430, runs=2)
-    search = tracker.search
-    search._replays = False
-    (optimizer,) = search._optimizers
-    index, scale = optimizer.space.index.numpy(), optimizer.space.radius.numpy().astype(float)
-    twins = [Twin(scale, optimizer.particles, partitions) for _ in (0, 1)]
-    start, tell = optimizer.start, optimizer.tell
-    layers = []
-
-    def started(pose):
-        for twin, own in zip(twins, pose.numpy(), strict=True):
-            twin.start(own[index].astype(float))
-        start(pose)
-
-    def told(cost):
-        x, costs = optimizer.population.numpy(), cost.numpy()[: 2 * optimizer.particles].reshape(2, -1).astype(float)
-        tell(cost)
-        for run, twin in enumerate(twins):
-            noise, uniform = (getattr(optimizer.state, name).numpy()[run] for name in ("noise", "uniform"))
-            assert np.abs(x[run] - twin.ask(noise.astype(float))).max() < TWIN
-            twin.tell(costs[run], uniform.astype(float))
-            np.testing.assert_array_equal(optimizer.state.parent.numpy()[run], twin.parent)
-        layers.append(len(costs))
-
-    monkeypatch.setattr(optimizer, "start", started)
-    monkeypatch.setattr(optimizer, "tell", told)
-    _truth, seen = motion(device)
-    for frame in range(20):
-        answer = tracker.step(seen[frame % 6])
-        means = optimizer.state.mean.numpy()
-        for run, twin in enumerate(twins):
-            assert np.abs(means[run] - twin.mean).max() < TWIN
-        there = np.clip(means, search._limits.lower.numpy()[index], search._limits.upper.numpy()[index])
-        still = ~np.isin(index, [3, 4, 5])
-        np.testing.assert_array_equal(answer.pose[:, index][:, still], there[:, still])
-    assert len(layers) == 20 * 10 * len(partitions)
 
 
 def weighed(device, costs, dofs=3, **settings):
@@ -496,55 +366,3 @@ def test_the_estimate_is_better_than_the_start(device, function, dofs, share):
     search = Search(AnnealedFilter, dofs, range(7), device, 1500, start=-1.0)
     search.run(function)
     assert np.median(function(search.estimate())) < share * function(search.start).mean()
-
-
-@pytest.mark.parametrize("algorithm", ["apf", "psapf"])
-def test_a_motion_is_tracked(device, algorithm):
-    result, errors = track_motion(algorithm, device, runs=2)
-    assert np.all(errors < TRACKED[algorithm])
-    assert np.all(result.evaluations == {"apf": 500, "psapf": 480}[algorithm])
-    single, _ = track_motion(algorithm, device, frames=2, seed=1)
-    np.testing.assert_array_equal(result.pose[1, :2], single.pose[0])
-    assert not np.array_equal(result.pose[0], result.pose[1])
-
-
-@pytest.mark.parametrize(
-    ("algorithm", "evaluations", "spent"),
-    [
-        ("apf", 1, 0),
-        ("apf", 7, 6),
-        ("apf", 500, 500),
-        ("psapf", 1, 0),
-        ("psapf", 5, 4),
-        ("psapf", 83, 82),
-        ("psapf", 500, 480),
-    ],
-)
-def test_a_frame_costs_whole_layers_within_its_budget(device, algorithm, evaluations, spent):
-    tracker, calls = tracker_of(algorithm, device, evaluations=evaluations, runs=2)
-    truth, seen = motion(device)
-    answer = tracker.step(seen[1])
-    assert answer.evaluations == spent
-    assert calls.pop() == 2  # the cost of the answer, which was none of the particles
-    assert sum(calls) == 2 * spent
-    assert np.isfinite(answer.cost).all()
-    if spent == 0:
-        np.testing.assert_array_equal(answer.pose, np.tile(truth[0].astype(np.float32), (2, 1)))
-
-
-def test_the_answer_is_the_estimate_within_the_limits_and_its_own_cost(device):
-    """Not the best particle, and not what an earlier frame found."""
-    tracker, _calls = tracker_of("apf", device, evaluations=100, rotation_radius=0.8)
-    _truth, seen = motion(device)
-    tracker.step(seen[0])
-    answer = tracker.step(seen[1])
-    search = tracker.search
-    optimizer = search._optimizers[0]
-    estimate = optimizer.state.mean.numpy()[0]
-    lower, upper = search._limits.lower.numpy(), search._limits.upper.numpy()
-    index = optimizer.space.index.numpy()
-    np.testing.assert_array_equal(answer.pose[0][index], np.clip(estimate, lower[index], upper[index]))
-    assert np.any(estimate != answer.pose[0][index])
-    other, _calls = tracker_of("h-cmaes", device, evaluations=1)
-    other.state = TrackState(answer.pose, np.zeros(1, np.int32))
-    assert other.step(seen[1]).cost[0] == answer.cost[0]

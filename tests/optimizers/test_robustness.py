@@ -76,7 +76,7 @@ def test_any_cost_in_any_budget_has_a_defined_answer(device, optimizer, function
 @pytest.mark.parametrize("function", COSTS)
 @pytest.mark.parametrize("optimizer", OPTIMIZERS)
 def test_without_a_radius_nothing_moves(device, optimizer, function):
-    found = answer(optimizer, function, 4, 1500, device, radius=0.0)
+    found = answer(optimizer, function, 4, 500, device, radius=0.0)
     np.testing.assert_array_equal(found.x, np.float32(0.1))
 
 
@@ -90,7 +90,7 @@ def test_coordinates_without_a_radius_stay(device, optimizer, function):
 @pytest.mark.parametrize("function", COSTS)
 @pytest.mark.parametrize("optimizer", OPTIMIZERS)
 def test_bounds_of_no_width_leave_the_start(device, optimizer, function):
-    found = answer(optimizer, function, 4, 1500, device, bounds=np.full((4, 2), 0.1))
+    found = answer(optimizer, function, 4, 500, device, bounds=np.full((4, 2), 0.1))
     np.testing.assert_array_equal(found.x, np.float32(0.1))
 
 

@@ -183,9 +183,9 @@ code = code_of(config, clip, solved)
 cell = Cell("S1/Box", config.algorithm, 39, config.budget)
 job = Job(cell, clip, clip_facts(clip).identity, config, "", code, solved)
 run = set()
-sys.setprofile(lambda frame, event, _: run.add(frame.f_code.co_filename) if event == "call" else None)
+sys.settrace(lambda frame, *_: run.add(frame.f_code.co_filename))
 *_, result = Worker("cpu", 1).work(job)
-sys.setprofile(None)
+sys.settrace(None)
 files = {{str(Path(str(file)).resolve()): name for name, file in module._files().items()}}
 names = {{files[str(Path(file).resolve())] for file in run if str(Path(file).resolve()) in files}}
 print(json.dumps(sorted(names - module.counted("study.job", contours=solved, recorded=False))))

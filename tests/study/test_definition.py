@@ -148,7 +148,7 @@ def test_a_scene_is_cut_and_its_truth_with_it(scene):
     clip = open_clip(Clip("Walk", scene, frames=3, scale=0.25))
     assert clip.frames == clip_facts(Clip("Walk", scene, frames=3)).frames == len(list(clip.observations)) == 3
     assert clip.truth.frame_numbers.tolist() == [0, 1, 2]
-    assert clip.rig.size.tolist()[0] == [160, 120]
+    assert clip.rig.size.tolist()[0] == [40, 30]
 
 
 def test_a_scenes_own_frames_are_a_clip_with_its_truth(scene, tmp_path):
@@ -181,7 +181,7 @@ def test_an_identity_follows_what_a_result_depends_on_and_nothing_else(scene, tm
         moved.write_text(text.replace(old, new))
         assert clip_facts(Clip("Walk", moved)).identity != one
     moved.write_text(text)
-    for name in ("masks/cam3/0001.png", "subject.usdc", "truth.usdc"):
+    for name in ("masks/cam03/000001.png", "subject.usdc", "truth.usdc"):
         with (moved.parent / name).open("ab") as file:
             file.write(b"x")
         changed = clip_facts(Clip("Walk", moved)).identity

@@ -71,7 +71,7 @@ def test_other_bits_keep_nothing(study, of_other_code, tmp_path, monkeypatch):
 def test_what_differs_in_more_than_the_code_is_no_earlier_result(study, of_other_code, tmp_path):
     folder = shutil.copytree(of_other_code, tmp_path / "results")
     other = study.with_name("other.toml")
-    other.write_text(study.read_text().replace("scale = 0.1", "scale = 0.2"))
+    other.write_text(study.read_text().replace("scale = 0.5", "scale = 0.4"))
     planned = tasks_of(other, folder)
     keep_earlier_cells(
         load_study(other), planned, "cpu", lambda chosen: pytest.fail(f"{chosen}") if chosen else None, print

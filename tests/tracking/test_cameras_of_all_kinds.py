@@ -25,7 +25,7 @@ from mmocap_warp.tracking.track_config import TrackConfig
 
 CAMERAS = ("C1", "C2", "BW1", "BW3")
 SLOW, SLOW_RATE = "C2", 50.0
-FRAMES = 13
+FRAMES = 9
 LENS = np.array([0.05, 0.01, -0.003, 0.001, 0.0])
 WIDER = 0.7  # times the pinholes' focal lengths are the fisheyes'
 

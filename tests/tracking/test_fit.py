@@ -10,11 +10,13 @@ import pytest
 from one_frame import fit_observation
 from other_bodies import things
 from person_skeleton import JOINTS
-from synthetic import synthetic_body
+from random_scenes import perfect_masks
+from synthetic import ring_rig, synthetic_body, synthetic_poses, synthetic_subject
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.frame_fit import Guess
 from mmocap_warp.fitting.standing_search import (
@@ -61,7 +63,7 @@ def subject(request, walk, man):
     if request.param == "whole":
         return fit(walk, man, QUICK)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 2)  # searches of the limbs, at most
+        patched.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 1)  # searches of the limbs
         quick = replace(QUICK, headings=4, evaluations=300, finalists=1, frames=4)
         return fit(replace(walk, frame_count=12), man, quick)
 
@@ -89,16 +91,25 @@ def generic(request, monkeypatch):
     return synthetic_body() if request.param == "boxes" else request.getfixturevalue("man")
 
 
-@pytest.mark.parametrize("generic", BODIES, indirect=True)
-def test_one_frame_is_enough(walk, generic):
-    short = replace(QUICK, headings=2, evaluations=100, finalists=1)
-    assert fit(replace(walk, frame_count=1), generic, short).provenance["fit.frames"] == 1
+@pytest.fixture(scope="module")
+def clip() -> tuple[CameraRig, list[Observation]]:
+    """Two frames of a figure before three cameras."""
+    rig, subject = ring_rig(3, (160, 120)), synthetic_subject()
+    return rig, [Observation.from_masks(list(perfect_masks(subject, rig, pose))) for pose in synthetic_poses(2)]
 
 
 @pytest.mark.parametrize("generic", BODIES, indirect=True)
-def test_a_fit_repeats_bit_by_bit_at_any_number_of_threads(walk, generic):
-    short, begun = replace(QUICK, headings=2, evaluations=48, finalists=1, frames=2), replace(walk, frame_count=6)
-    first, second = (fit(begun, generic, replace(short, threads=threads)) for threads in (1, 2))
+def test_one_frame_is_enough(clip, generic):
+    rig, frames = clip
+    short = replace(QUICK, headings=2, evaluations=48, finalists=1)
+    assert fit_clip(generic, rig, 30.0, frames[:1], short).provenance["fit.frames"] == 1
+
+
+@pytest.mark.parametrize("generic", BODIES, indirect=True)
+def test_a_fit_repeats_bit_by_bit_at_any_number_of_threads(clip, generic):
+    rig, frames = clip
+    short = replace(QUICK, headings=2, evaluations=48, finalists=1, frames=2)
+    first, second = (fit_clip(generic, rig, 30.0, frames, replace(short, threads=threads)) for threads in (1, 2))
     np.testing.assert_array_equal(first.pose, second.pose)
     np.testing.assert_array_equal(first.body.skin.rest, second.body.skin.rest)
     np.testing.assert_array_equal(first.root_base, second.root_base)

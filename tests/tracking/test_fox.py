@@ -14,7 +14,7 @@ from mmocap_warp.synthesis.any_body import recorded
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
-FRAMES = 12
+FRAMES = 8
 LENGTH = 1.55  # [m], from nose to tail
 
 

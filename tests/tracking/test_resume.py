@@ -14,19 +14,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recordings import write_recording
 from synthetic import COORDINATES
-from walk_scene import walking
 
 from mmocap_warp import cli
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.scenes import ROOT
 from mmocap_warp.tracking import checkpoint
 from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -34,8 +33,8 @@ from mmocap_warp.tracking.tracker import Tracker, TrackState
 
 FRAMES = 10
 IDENTITY = {"seed": 1, "images": "a hash"}
-FLAGS = ("--algorithm", "h-cmaes", "--scale", "0.25", "--evaluations", "60", "--device", "cpu", "--quiet")
-CONFIG = TrackConfig("h-cmaes", scale=0.25, evaluations=20, device="cpu")
+FLAGS = ("--algorithm", "h-cmaes", "--scale", "0.5", "--evaluations", "60", "--device", "cpu", "--quiet")
+CONFIG = TrackConfig("h-cmaes", scale=0.5, evaluations=20, device="cpu")
 DRIVER = """
 import sys, time
 from mmocap_warp import cli
@@ -59,15 +58,9 @@ sys.exit(cli.main(sys.argv[2:]))
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> Path:
-    """The beginning of the built-in walk, with its true body and first pose as the subject."""
-    folder = tmp_path_factory.mktemp("resume") / "walk"
-    shutil.copytree(ROOT / "walk", folder)
-    made = walking()
-    write_subject(folder / "subject.usdc", Subject(made.body, made.root_base, made.poses[0], {}))
-    text = (folder / "scene.toml").read_text()
-    (folder / "scene.toml").write_text(
-        text.replace("[scene]\n", f'[scene]\nframes = {FRAMES}\nsubject = "subject.usdc"\n')
-    )
+    """A figure before three cameras, with its true body and first pose as the subject."""
+    folder = tmp_path_factory.mktemp("resume") / "made"
+    write_recording(folder, FRAMES)
     return folder / "scene.toml"
 
 
@@ -77,9 +70,8 @@ def loaded(scene) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def subject() -> Subject:
-    made = walking()
-    return Subject(made.body, made.root_base, made.poses[0], {})
+def subject(scene) -> Subject:
+    return read_subject(scene.with_name("subject.usdc"))
 
 
 def same_bits(left: Path, right: Path) -> bool:
@@ -253,7 +245,7 @@ def test_frames_that_a_crash_spoilt_are_tracked_again(damage, kept, loaded, subj
 
 
 def test_the_number_of_threads_may_change(loaded, subject, interrupted, whole):
-    one = TrackConfig("h-cmaes", scale=0.25, evaluations=20, device="cpu", threads=1)
+    one = TrackConfig("h-cmaes", scale=0.5, evaluations=20, device="cpu", threads=1)
     resumed = track(loaded, subject, one, checkpoint=interrupted, resume=True)
     np.testing.assert_array_equal(resumed.pose, whole.pose)
     np.testing.assert_array_equal(resumed.cost, whole.cost)
@@ -356,7 +348,7 @@ def test_a_filters_particles_are_saved_with_its_last_frame(algorithm, loaded, su
     """The run is stopped twice; every frame is saved, and in between the frames saved do not grow by the particles."""
     monkeypatch.setattr(checkpoint, "_INTERVAL", 0)
     begun = replace(loaded, frame_count=7)
-    config = TrackConfig(algorithm, scale=0.1, evaluations=240, runs=2, device="cpu")
+    config = TrackConfig(algorithm, scale=0.5, evaluations=240, runs=2, device="cpu")
     path, sizes = tmp_path / "r.checkpoint", []
     for after in (2, 3):
         with monkeypatch.context() as patched:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -10,18 +9,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from random_scenes import perfect_masks
+from recordings import write_recording
 from synthetic import SKELETON, ring_rig, synthetic_subject
-from walk_scene import walking
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import joint_positions
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.contour.clip import clip_problem as clip
+from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.scenes import ROOT
 from mmocap_warp.tracking import smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.frame_loop import collect, track, track_observations
@@ -246,20 +245,17 @@ def joint_errors_of(pose: np.ndarray) -> float:
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """The beginning of the built-in walk, whose masks follow the tracked body; with its true body and first pose."""
+    """A recording whose masks follow the tracked body; with its true body and first pose."""
     folder = tmp_path_factory.mktemp("smoothing") / "walk"
-    shutil.copytree(ROOT / "walk", folder)
-    text = (folder / "scene.toml").read_text().replace("[scene]\n", "[scene]\nframes = 8\n")
-    (folder / "scene.toml").write_text(text)
-    made = walking()
-    scene = load_scene(folder / "scene.toml")
+    write_recording(folder)
+    scene = load_scene(folder)
     follows = replace(scene.foreground, keep="nearest")
-    return replace(scene, foreground=follows), Subject(made.body, made.root_base, made.poses[0], {})
+    return replace(scene, foreground=follows), read_subject(folder / "subject.usdc")
 
 
 def test_interrupted_while_it_is_smoothed_a_run_ends_with_the_same_bits(walk, tmp_path, monkeypatch):
     scene, subject = walk
-    config = TrackConfig("cmaes", evaluations=20, device="cpu", scale=0.25, smooth=10.8)
+    config = TrackConfig("cmaes", evaluations=20, device="cpu", scale=0.5, smooth=10.8)
     whole = track(scene, subject, config)
 
     def interrupt(_):

@@ -179,7 +179,8 @@ class BackwardPass:
     ) -> None:
         """Let answers that leave masks uncovered cost more (answer, frame), where one leaves enough for a doubt."""
         for at in different:
-            area = np.array([uncovered.area(int(frames[at]), poses[at : at + 1])[0] for poses in answers])
+            poses = answers[0][at : at + 1].followed_by(*(other[at : at + 1] for other in answers[1:]))
+            area = uncovered.area(int(frames[at]), poses)
             if area.max() >= 1.0:
                 costs[:, at] *= 1.0 + _UNCOVERED_COST * area
 

@@ -5,7 +5,7 @@ See docs/sequences.md for what is read, and for what had to be assumed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.datasets.dataset_scene import CameraFiles, DatasetScene
 from mmocap_warp.formats.humaneva import vicon_points
 from mmocap_warp.formats.humaneva.humaneva_files import (
     REMEDY,
@@ -24,11 +24,8 @@ from mmocap_warp.formats.humaneva.humaneva_files import (
     synchronise,
 )
 from mmocap_warp.formats.motion.captured_points import read_c3d
-from mmocap_warp.formats.toml_table import quoted
-from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.masks.frames import Frames, as_colour, open_frames
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.whole_file import write_whole
 
 CAMERAS: tuple[str, ...] = ("C1", "C2", "C3", "BW1", "BW2", "BW3", "BW4")
 """HumanEva's cameras, three of colour and four gray, in the order that its synchronisation counts from."""
@@ -262,48 +259,42 @@ join = 20.0
 """
 
 
-def write_scene(folder: str | Path, sequence: HumanEvaSequence) -> Path:
-    """Write ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``, which names the user's videos.
-
-    The folder is made if it does not exist; files of the same names are replaced.
-
-    Returns:
-        Path of ``scene.toml``.
-    """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from error
-    write_toml_rig(folder / "calibration.toml", sequence.rig)
-    write_truth(folder / "truth.usdc", sequence.truth, sequence.rig.up)
-    write_whole(folder / "scene.toml", _scene_text(sequence).encode())
-    return folder / "scene.toml"
+def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: str = "") -> DatasetScene:
+    """A sequence as a scene: all of its frames, or those of HumanEva's own numbers."""
+    for number in (first, last):
+        if number and not number.isdecimal():
+            raise InputError(f"{subject} {action}", f"{number!r} is not the number of a frame", "give whole numbers")
+    chosen = int(first) if first else FIRST_FRAME
+    return as_scene(read_sequence(root, subject, action, chosen, int(last) if last else None))
 
 
-def _scene_text(sequence: HumanEvaSequence) -> str:
-    lines = [
-        f"# HumanEva-I, {sequence.subject} {sequence.action}, trial 1, written by mmocap humaneva.",
-        f"# Frame 0 is frame {sequence.first} of HumanEva's own numbers.",
-        "[scene]",
-        f'name = "{sequence.subject} {sequence.action}"',
-        f"fps = {FPS:g}",
-        f'up = "{sequence.rig.up}"',
-        f"frames = {sequence.count}",
-        "",
-        "[truth]",
-        'file = "truth.usdc"',
-        "",
-        "[cameras]",
-        'calibration = "calibration.toml"',
-    ]
-    cameras = zip(sequence.rig.names, sequence.videos, sequence.backgrounds, sequence.frame_offsets, strict=True)
-    for name, video, background, offset in cameras:
-        lines += [
-            "",
-            f"[cameras.{name}]",
-            f"video = {quoted(video.path.resolve().as_posix())}",  # the whole path: scene and data set move apart
-            f"background = {quoted(background.path.resolve().as_posix())}",
-            f"frame_offset = {offset}",
-        ]
-    return "\n".join(lines) + "\n" + _FOREGROUND
+def as_scene(sequence: HumanEvaSequence) -> DatasetScene:
+    """The scene of a sequence, which names the user's videos."""
+    about = (
+        f"HumanEva-I, {sequence.subject} {sequence.action}, trial 1, written by mmocap humaneva.",
+        f"Frame 0 is frame {sequence.first} of HumanEva's own numbers.",
+    )
+    files = zip(sequence.videos, sequence.backgrounds, sequence.frame_offsets, strict=True)
+    return DatasetScene(
+        about,
+        f"{sequence.subject} {sequence.action}",
+        sequence.rig,
+        FPS,
+        sequence.count,
+        tuple(CameraFiles(video.path, None, background.path, offset) for video, background, offset in files),
+        sequence.truth,
+        tuple(_oddities(sequence)),
+        _FOREGROUND,
+    )
+
+
+def _oddities(sequence: HumanEvaSequence) -> Iterator[str]:
+    """What is odd in the data but may be so."""
+    if not sequence.starts_as_published:
+        starts = ", ".join(str(start) for start in sequence.sync.start[:3])
+        yield (
+            f"videos C1, C2, C3 start at their frames {starts}, others who use the data found other ones; "
+            "has its Critical_Update_OFS_files been applied?"
+        )
+    if sequence.no_joints:
+        yield f"the truth has markers but no joints: {sequence.no_joints}"

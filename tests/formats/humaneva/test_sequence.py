@@ -82,6 +82,13 @@ def test_the_scene_has_the_frames_and_cameras_of_the_sequence(scene):
     assert scene.name == "S1 Walking"
 
 
+def test_it_is_one_of_the_data_sets(root, scene, tmp_path):
+    command = ["dataset", "humaneva", str(root), "S1", "Walking", "6", str(made.LAST), "-o", str(tmp_path), "--force"]
+    assert cli.main([*command, "--quiet"]) == OK
+    for name in ("scene.toml", "calibration.toml"):
+        assert (tmp_path / name).read_bytes() == (scene.directory / name).read_bytes()
+
+
 def test_no_image_is_copied(scene):
     assert {path.name for path in scene.directory.iterdir()} == {"scene.toml", "calibration.toml", "truth.usdc"}
 

@@ -1,6 +1,7 @@
 """Cameras from a board that is moved about: first each lens from frames near to it, then the places of all.
 
-A small board far away does not tell focal length from distance, so places are solved with the lenses held.
+A small board far away does not tell focal length from distance, so places are solved with the lenses held. OpenCV's
+``calibrateMultiview`` does that too, but only from boards of which all corners are seen.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ _LENS_FRAMES, _PLACE_FRAMES = 40, 120  # frames that are used for a lens, and fo
 _MIN_LENS_FRAMES, _MIN_COMMON = 8, 5  # frames that a lens needs, and a camera in common with the others
 _MAX_FOCAL_SIGMA = 0.01  # of the focal length, as a share, of a lens that is determined
 _BENT = 0.95  # residuals with a third radial term over those without, below which the lens has one
+_MAX_STEPS = 60  # of the adjustment of the places
 _BLURRED = 25  # percent of a camera's frames that are too blurred, or moved too fast, to be used
 _MAX_RMS = 0.002  # residual of the places over the image's longer side; out of step it is ten times as much
 
@@ -41,11 +43,6 @@ class Detections:
     def seen(self) -> np.ndarray:
         """(frame,) bool, whether the board is seen."""
         return np.isfinite(self.pixels[..., 0]).any(axis=1)
-
-    @property
-    def whole(self) -> np.ndarray:
-        """(frame,) bool, whether all of its corners are seen: OpenCV finds no start from parts of a board."""
-        return np.isfinite(self.pixels[..., 0]).all(axis=1)
 
     @property
     def sharp(self) -> np.ndarray:
@@ -127,9 +124,9 @@ def calibrate_from_board(
     K, distortion = np.array([lens[0] for lens in lenses]), np.array([lens[1] for lens in lenses])
     # The places, from sharp frames that two cameras or more see.
     chosen = _common_frames(names, detections)
-    seen = np.array([each.whole[chosen] for each in detections])
+    seen = np.array([each.seen[chosen] for each in detections])
     pixels = np.array([each.pixels[chosen] for each in detections])
-    R, t, turns, shifts = _solve_places(sizes, pixels, seen, board, K, distortion)
+    R, t, turns, shifts = _solve_places(pixels, seen, board, K, distortion)
     points, residuals = [], []
     for k in range(len(names)):
         seen_pixels, missed = [], []
@@ -223,7 +220,7 @@ def _look(pixels: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 def _common_frames(names: Sequence[str], detections: Sequence[Detections]) -> np.ndarray:
     """Frames for the places: sharp ones which connect all cameras."""
-    seen = np.array([each.whole for each in detections])
+    seen = np.array([each.seen for each in detections])
     sharp = seen & [each.sharp for each in detections]
     joint = (sharp.sum(axis=0) >= 2).nonzero()[0]
     # Cameras that share frames, directly or through others, with the first one.
@@ -233,9 +230,7 @@ def _common_frames(names: Sequence[str], detections: Sequence[Detections]) -> np
         group = group | shared[group].any(axis=0)
     if not group.all():
         name = names[int(np.flatnonzero(~group)[0])]
-        problem = (
-            f"sees the whole board in fewer than {_MIN_COMMON} frames in common with '{names[0]}' and those beside it"
-        )
+        problem = f"sees the board in fewer than {_MIN_COMMON} frames in common with '{names[0]}' and those beside it"
         remedy = "show the board to both at once, or give a scene whose offsets put the cameras in step"
         raise InputError(f"camera '{name}'", problem, remedy)
     if len(joint) <= _PLACE_FRAMES:
@@ -246,34 +241,82 @@ def _common_frames(names: Sequence[str], detections: Sequence[Detections]) -> np
 
 
 def _solve_places(
-    sizes: np.ndarray, pixels: np.ndarray, seen: np.ndarray, board: Board, K: np.ndarray, distortion: np.ndarray
+    pixels: np.ndarray, seen: np.ndarray, board: Board, K: np.ndarray, distortion: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """With the lenses held: from the first camera's axes to each camera's, and from the board's to the first's."""
-    count, frames = seen.shape
-    visible = np.where(np.isfinite(pixels), pixels, 0.0).astype(np.float32)
-    answer = cv2.calibrateMultiviewExtended(
-        [board.corners] * frames,
-        [list(each) for each in visible],
-        [tuple(map(int, size)) for size in sizes],
-        seen.astype(np.uint8),
-        np.full((count, 1), cv2.CALIB_MODEL_PINHOLE, np.uint8),
-        [each.copy() for each in K],
-        [each.copy() for each in distortion],
-        [np.zeros((3, 1)) for _ in K],
-        [np.zeros((3, 1)) for _ in K],
-        rvecs0=[np.zeros((3, 1)) for _ in range(frames)],
-        tvecs0=[np.zeros((3, 1)) for _ in range(frames)],
-        flagsForIntrinsics=np.full((count, 1), cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_INTRINSIC, np.int32),
-        flags=cv2.CALIB_USE_INTRINSIC_GUESS,
-    )
-    R, t, turns, shifts = answer[3], answer[4], answer[6], answer[7]
-    return _matrices(R), np.array(t).reshape(-1, 3), _matrices(turns), np.array(shifts).reshape(-1, 3)
+    """With the lenses held: from the first camera's axes to each camera's, and from the board's to the first's.
+
+    All places are adjusted together, so that all corners are as near as can be to where they are seen.
+    """
+    from scipy.optimize import least_squares
+    from scipy.sparse import coo_matrix
+
+    cameras, frames = np.nonzero(seen)
+    known = np.isfinite(pixels[cameras, frames, :, 0])
+    first_cameras, first_boards = _first_places(pixels, seen, board, K, distortion)
+    free = 6 * (len(K) - 1)
+
+    def differences(x: np.ndarray) -> np.ndarray:
+        to_camera = _matrices(np.concatenate([first_cameras[:1], x[:free].reshape(-1, 6)]))[cameras]
+        there = to_camera @ _matrices(x[free:].reshape(-1, 6))[frames]
+        points = board.corners @ np.swapaxes(there[:, :3, :3], 1, 2) + there[:, None, :3, 3]
+        off = []
+        for k in range(len(K)):
+            corners = points[cameras == k].reshape(-1, 3)
+            image, _ = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), K[k], distortion[k])
+            off.append(image.reshape(-1, len(board.corners), 2) - pixels[k, seen[k]])
+        flat: np.ndarray = np.concatenate(off)[known].ravel()
+        return flat
+
+    # A difference depends on its camera, unless that is the first one, and on its board.
+    view = np.repeat(np.arange(len(cameras)), 2 * known.sum(axis=1))
+    of_camera = np.flatnonzero(cameras[view])
+    row = np.concatenate([np.repeat(of_camera, 6), np.repeat(np.arange(len(view)), 6)])
+    begin = np.concatenate([6 * (cameras[view][of_camera] - 1), free + 6 * frames[view]])
+    column = (begin[:, None] + np.arange(6)).ravel()
+    start = np.concatenate([first_cameras[1:].ravel(), first_boards.ravel()])
+    depends = coo_matrix((np.ones(len(row)), (row, column)), (len(view), len(start)))
+    x = least_squares(differences, start, jac_sparsity=depends, x_scale="jac", loss="soft_l1", max_nfev=_MAX_STEPS).x
+    placed, boards = (_matrices(each.reshape(-1, 6)) for each in (np.append(first_cameras[0], x[:free]), x[free:]))
+    return placed[:, :3, :3], placed[:, :3, 3], boards[:, :3, :3], boards[:, :3, 3]
 
 
-def _matrices(rotations: Sequence[np.ndarray]) -> np.ndarray:
-    """Rotations as matrices; OpenCV gives some as vectors."""
-    each = [np.asarray(rotation) for rotation in rotations]
-    return np.array([rotation if rotation.size == 9 else cv2.Rodrigues(rotation)[0] for rotation in each])
+def _first_places(
+    pixels: np.ndarray, seen: np.ndarray, board: Board, K: np.ndarray, distortion: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cameras (camera, 6) and boards (frame, 6) as rotation vectors and shifts, along pairs that share most frames."""
+    # The board's place before each camera, by itself.
+    alone = np.zeros((*seen.shape, 4, 4))
+    for k, f in np.argwhere(seen):
+        known = np.isfinite(pixels[k, f, :, 0])
+        corners, image = board.corners[known], pixels[k, f, known].astype(float)
+        _, turn, shift = cv2.solvePnP(corners, image, K[k], distortion[k], flags=cv2.SOLVEPNP_IPPE)
+        alone[k, f] = _matrices(np.concatenate([turn, shift]).T)[0]
+    # From camera to camera: of the answers of all frames the one that most others are near to.
+    place, reached, shared = np.tile(np.eye(4), (len(K), 1, 1)), [0], seen.astype(int) @ seen.T
+    while len(reached) < len(K):
+        i, j = max(((i, j) for i in reached for j in range(len(K)) if j not in reached), key=lambda pair: shared[pair])
+        both = seen[i] & seen[j]
+        steps = (alone[j, both] @ np.linalg.inv(alone[i, both]))[:, :3]
+        apart = np.linalg.norm((steps[:, None] - steps).reshape(len(steps), len(steps), 12), axis=2)
+        place[j] = np.vstack([steps[np.argmin(np.median(apart, axis=1))], [0, 0, 0, 1]]) @ place[i]
+        reached.append(j)
+    first = seen.argmax(axis=0)  # the camera that places the board of a frame
+    boards = np.linalg.inv(place[first]) @ alone[first, np.arange(len(first))]
+    return _vectors(place), _vectors(boards)
+
+
+def _matrices(vectors: np.ndarray) -> np.ndarray:
+    """(n, 4, 4) of rotation vectors and shifts (n, 6)."""
+    matrices = np.tile(np.eye(4), (len(vectors), 1, 1))
+    matrices[:, :3, :3] = [cv2.Rodrigues(each[:3])[0] for each in vectors]
+    matrices[:, :3, 3] = vectors[:, 3:]
+    return matrices
+
+
+def _vectors(matrices: np.ndarray) -> np.ndarray:
+    """The inverse of :func:`_matrices`."""
+    turns = [cv2.Rodrigues(each[:3, :3])[0][:, 0] for each in matrices]
+    return np.concatenate([turns, matrices[:, :3, 3]], axis=1)
 
 
 def _check_residuals(names: Sequence[str], sizes: np.ndarray, rms: np.ndarray) -> None:

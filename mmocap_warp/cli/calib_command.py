@@ -22,6 +22,13 @@ _COLUMNS = (
 )  # fmt: skip
 app.command("mmocap_warp.cli.calib_adjust:check", name="check", help=COMMANDS["calib check"]["help"], sort_key=1)
 app.command("mmocap_warp.cli.calib_adjust:refine", name="refine", help=COMMANDS["calib refine"]["help"], sort_key=2)
+app.command("mmocap_warp.cli.calib_board:board", name="board", help=COMMANDS["calib board"]["help"], sort_key=4)
+app.command(
+    "mmocap_warp.cli.calib_board:print_board",
+    name="print-board",
+    help=COMMANDS["calib print-board"]["help"],
+    sort_key=5,
+)
 
 
 @app.command(help=COMMANDS["calib solve"]["help"], sort_key=3)

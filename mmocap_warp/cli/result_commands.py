@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.command import BY_PLACE, REQUIRED, Answer, Given, command
+from mmocap_warp.cli.command import BY_PLACE, Answer, Given, command
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, ResultFrames, SceneFrames, flags_of, next_step, table
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
@@ -25,19 +25,25 @@ if TYPE_CHECKING:
 TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
-@command("track:track", output=Given(Path, REQUIRED), frames=SceneFrames, settings=TrackFlags | None)
-def track(call: Any, console: Console, loaded: Scene, output: Path) -> int:
+@command("track:track", output=Given(Path | None), frames=SceneFrames, settings=TrackFlags | None)
+def track(call: Any, console: Console, loaded: Scene, output: Path | None, force: bool) -> int:
     from mmocap_warp.commands.evaluate import evaluate_in_scene
+    from mmocap_warp.commands.mask import with_masks
+    from mmocap_warp.commands.show import show_all
 
-    tracked = call()
+    # Without an output all is made beside the scene, and what exists is not made again.
+    whole, output = output is None, output or loaded.directory / "result.usdc"
+    loaded = with_masks(loaded, console)
+    tracked = call(scene=loaded, output=output, **({"resume": True} if whole and not force else {}))
     try:
         report, warning = evaluate_in_scene(tracked, loaded)
     except InputError:
         console.warn(f"{output} is written; its comparison with the scene's truth failed:")
         raise
     step = (report["verdict"]["cameras"] and report["verdict"]["next"]) or next_step("show", output)
-    values = {"result": output, **report, "config": tracked.config, "next": step}
-    console.result(values, f"{output}\n{summary(report)}\nnext: {step}")
+    files = {"result": output, **(show_all(output, console, force) if whole else {})}
+    values = {**files, **report, "config": tracked.config, "next": step}
+    console.result(values, "\n".join([*map(str, files.values()), summary(report), f"next: {step}"]))
     if warning:
         console.warn(warning)
     return OK if report["verdict"]["holds"] else CHECK_FAILED

@@ -27,15 +27,11 @@ _DECIDED_BY = {
 }
 
 
-_LONGER_SIDE = 720
-"""Pixels to which ``next:`` scales the longer side of large images: enough for a body that fills them."""
-
-
 def _scale_options(scene: Scene) -> tuple[str, ...]:
     """``--scale`` with a power of two, where images are large and the scene names no scale."""
-    scale, longest = 1.0, int(scene.calibrated.size.max())
-    while scale * longest > _LONGER_SIDE:
-        scale /= 2
+    from mmocap_warp.scene.drafting import tracking_scale
+
+    scale = tracking_scale(scene.calibrated.size)
     return () if scale == 1 or "scale" in scene.track else ("--scale", f"{scale:g}")
 
 
@@ -57,11 +53,9 @@ def init(call: Any, folder: Path) -> Answer:
 
 @command("mask:mask", frames=SceneFrames)
 def mask(call: Any, scale: float) -> Answer:
-    from mmocap_warp.scene.scene_toml import load_scene
-
     masks = call()
     report, good = masks.report, masks.remedy is None
-    options = _scale_options(load_scene(masks.scene, masks=False)) if scale == 1 else ()
+    options = _scale_options(masks.recording) if scale == 1 else ()
     step = _track_step(masks.scene, masks.source.parent, *options)
     made = masks.consistency
     changes = {} if made is None else {"filled_px": made.filled, "cut_px": made.cut}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +23,11 @@ from mmocap_warp.masks.mask_program import find_program
 from mmocap_warp.masks.subtraction import mask_around_body
 from mmocap_warp.result.result import Result
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
+from mmocap_warp.scene.drafting import tracking_scale
 from mmocap_warp.scene.mask_writing import Refine, write_masks
 from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program
 from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.scene_toml import load_scene
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class WrittenMasks:
         report: what the masks show, and what is wrong with them.
         remedy: what to do where something is wrong; None where nothing is.
         consistency: what was changed so that the views agree; None where nothing was to be.
+        recording: the scene that they were made of.
     """
 
     source: Path
@@ -48,7 +51,8 @@ class WrittenMasks:
     frames: int
     report: MaskReport
     remedy: str | None
-    consistency: Consistency | None = None
+    consistency: Consistency | None
+    recording: Scene = field(repr=False)
 
 
 @releases_locks
@@ -91,7 +95,7 @@ def mask(
     loaded = _loaded(scene, frames, identity, with_, reporter)
     by_program = loaded.foreground.source == "program"
     refine = None if from_body is None else _around_body(loaded, from_body, scale)
-    program = find_program(with_ or "mediapipe", reporter.note) if by_program else None
+    program = find_program("mediapipe" if with_ is None else with_, reporter.note) if by_program else None
     unfinished = Path(output) / UNFINISHED
     folder = new_folder(output, force=force or (by_program and unfinished.is_dir()))
     images = None
@@ -116,10 +120,11 @@ def mask(
             images=images,
             make_consistent=consistency,
         )
-    shutil.rmtree(unfinished, ignore_errors=True)
+    if program is not None:
+        shutil.rmtree(unfinished, ignore_errors=True)
     report = judge.report()
     remedy = _remedy(loaded, folder) if report.faults else None
-    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, consistency)
+    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, consistency, loaded)
 
 
 def _loaded(
@@ -131,6 +136,19 @@ def _loaded(
     if isinstance(scene, Scene):
         scene = replace(scene, foreground=replace(scene.foreground, source="program"))
     return scene_from(scene, frames, identity, reporter, source="program")
+
+
+def with_masks(scene: Scene, reporter: Reporter) -> Scene:
+    """The scene itself, or the one with the masks that a program makes; they lie beside it, and are made once."""
+    if scene.foreground.source != "program":
+        return scene
+    folder = scene.directory / ("masks" if scene.path.stem == "scene" else f"{scene.path.stem}-masks")
+    if not (folder / "scene.toml").exists():
+        scale = 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
+        for fault in mask(scene.path, folder, scale=scale, reporter=reporter).report.faults:
+            reporter.warn(f"{folder}: {fault}")
+    frames = scene.frames
+    return load_scene(folder, f"{frames.start}:{frames.stop}:{frames.step}")
 
 
 def _remedy(scene: Scene, folder: Path) -> str:

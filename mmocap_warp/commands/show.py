@@ -107,6 +107,16 @@ def show(
     return Drawing(video, sheet, {"iou_by_camera": iou_by_camera(shown), "verdict": judged}, animated)
 
 
+def show_all(result: Path, reporter: Reporter, force: bool) -> dict[str, Path]:
+    """The overlay video and the page of a result beside it, made where they are not there or by ``force``."""
+    video, page = result.with_suffix(".webm"), result.with_suffix(".html")
+    if force or not video.exists():
+        show(result, output=video, force=True, reporter=reporter)
+    if force or not page.exists():
+        view(result, output=page, force=True, reporter=reporter)
+    return {"video": video, "page": page}
+
+
 def _beside(result: object, output: str | Path | None, suffix: str) -> Path:
     """Where to write: the output, or beside the result's file."""
     if output is not None:

@@ -14,6 +14,7 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.calibration.adjust.camera_changes import AdjustConfig
 from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
 from mmocap_warp.commands.inputs import Frames, body_from, look_first, scene_from, scene_reference, truth_of
+from mmocap_warp.commands.mask import with_masks
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
@@ -164,11 +165,13 @@ def track(
     """Track a scene from its first frame to its last; where no subject is named, one is fitted first.
 
     Args:
-        scene: the recording, or its file or folder.
+        scene: the recording, or its file or folder. Masks that a program makes are made first, and kept beside it.
         subject: the fitted subject to track, or its file. From Python also a body, or a shipped one's name, which is
             fitted first. [default: the scene's, or else one is fitted first and kept beside the result]
         config: settings. [default: those of the scene's [track] table]
-        output: the result's file: .usdc, .usda or .usd. A checkpoint lies beside it until the run is complete.
+        output: the result's file: .usdc, .usda or .usd. A checkpoint lies beside it until the run is complete. Unless
+            it is named, the command makes result.usdc, its overlay and its page beside the scene, those that are not
+            there.
         body: where that fit starts: a shipped body's name or a USD file. [default: the scene's, or adult_man]
         rigid: that body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
         frames: which of the recording's frames. [default: those that the scene names]
@@ -192,7 +195,7 @@ def track(
         raise UsageError("--resume needs --output, the file of the run that it continues")
     subject, body = _starts_from(subject, body)
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
-    loaded = scene_from(scene, frames, identity, reporter)
+    loaded = with_masks(scene_from(scene, frames, identity, reporter), reporter)
     chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
     truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}

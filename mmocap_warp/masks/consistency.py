@@ -18,7 +18,9 @@ _FULLY_EXPLAINED = 0.995  # share of the mask of a view that lacks a part
 _MAX_UNTOUCHED = 0.1  # share of the frames so far. If more contradict themselves, the calibration is at fault
 _MARGIN = 0.03  # metres by which masks are grown before others are compared with them
 _MIN_WIDTH = 0.06  # metres: an excess is wider than this somewhere; contours of sound masks differ by less
-_THICK = 0.30  # metres of hull behind an enclosed hole in the trunk. Between limbs four views leave up to 0.25
+_THICK = 0.29  # metres of hull behind an enclosed hole in the trunk. Between limbs four views leave up to 0.28
+_MIN_HOLE = 0.04  # metres: such a hole is wider than this somewhere
+_MIN_UNSUPPORTED = 0.3  # share of a piece that is cut: so much lies outside of the hull even if any one view is wrong
 _MIN_VIEWS = 4  # number of views that see the subject: the hull of two others holds far more than the body
 
 
@@ -52,14 +54,15 @@ class Consistency:
         seen = [k for k, mask in enumerate(masks) if mask.any()]
         if len(seen) < _MIN_VIEWS:
             return masks
-        subject = meeting_point(self._rig.select(tuple(self._rig.names[k] for k in seen)), [masks[k] for k in seen])
-        depth = (self._rig.R @ subject + self._rig.t)[:, 2]
+        if self._small is None:
+            pixels_per_metre = np.median(self._rig.K[:, 0, 0] / _depths(self._rig, masks, seen))
+            self._small = self._rig.undistorted(float(min(1.0, _PIXELS_PER_METRE / max(pixels_per_metre, 1e-9))))
+        small = [_resized(mask, size) for mask, size in zip(masks, self._small.size, strict=True)]
+        if not all(small[k].any() for k in seen):
+            return masks
+        depth = _depths(self._small, small, seen)
         if (depth[seen] <= 0).any():
             return masks
-        if self._small is None:
-            scale = float(_PIXELS_PER_METRE * np.median(depth / self._rig.K[:, 0, 0]))
-            self._small = self._rig.undistorted(min(1.0, scale))
-        small = [_resized(mask, size) for mask, size in zip(masks, self._small.size, strict=True)]
         views = _Views(self._small, small, seen, depth)
         # A fault of the calibration lasts, and in some poses it looks like one of the masks.
         if views.contradict or self.untouched > _MAX_UNTOUCHED * (1 + len(self.filled)):
@@ -113,13 +116,16 @@ class _Views:
         # A part that only this view lacks: the others' excesses meet there, and all of its own mask is explained.
         if self.explained[k] > _FULLY_EXPLAINED and all(self._excess[j].any() for j in others):
             made = made | self._hull(k, ~mask, self._excess)
-        # A part that only this view has: no other's excess meets it.
+        # A part that only this view has: no other's excess meets it, and no two others see it.
         count, label = cv2.connectedComponents(self._excess[k].view(np.uint8), connectivity=8)
         if count > 1 and len(self._bad) == 1:
             excess = [self._grown(j, each) for j, each in enumerate(self._excess)]
             met = self._hull(k, self._excess[k], excess, least=1, tolerate=len(others))
-            alone = [piece for piece in range(1, count) if not met[label == piece].any()]
-            made = made & ~np.isin(label, alone)
+            supported = self._hull(k, self._excess[k], self._masks, tolerate=1)
+            for piece in range(1, count):
+                alone = label == piece
+                if not met[alone].any() and supported[alone].mean() < 1 - _MIN_UNSUPPORTED:
+                    made = made & ~alone
         return made
 
     def _enclosed_holes(self, k: int) -> np.ndarray:
@@ -129,7 +135,8 @@ class _Views:
         filled = np.zeros_like(mask)
         for hole in range(1, count):
             inside = label == hole
-            if np.median(self._thickness(k, inside, self._masks)) > _THICK:
+            wide = cv2.erode(inside.view(np.uint8), self._disc(k, _MIN_HOLE)).any()
+            if wide and np.median(self._thickness(k, inside, self._masks)) > _THICK:
                 filled |= inside
         return filled
 
@@ -156,9 +163,16 @@ class _Views:
         return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (pixels, pixels))
 
 
+def _depths(rig: CameraRig, masks: list[np.ndarray], seen: list[int]) -> np.ndarray:
+    """(camera,) depth of the subject in each camera [m]."""
+    subject = meeting_point(rig.select(tuple(rig.names[k] for k in seen)), [masks[k] for k in seen])
+    return np.asarray((rig.R @ subject + rig.t)[:, 2])
+
+
 def _resized(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
     width, height = size.tolist()
-    return np.asarray(cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0.5)
+    levels = np.where(mask, np.uint8(255), np.uint8(0))
+    return np.asarray(cv2.resize(levels, (width, height), interpolation=cv2.INTER_AREA) > 127)
 
 
 def _apply(mask: np.ndarray, small: np.ndarray, mended: np.ndarray) -> np.ndarray:

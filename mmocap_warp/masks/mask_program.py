@@ -25,7 +25,7 @@ from mmocap_warp.masks.mask_files import read_mask_image
 _PATIENCE = 600.0  # seconds that a program may go on without a new mask or a word: it may load a large model first
 _LOOK_INTERVAL = 0.2  # seconds between two looks at what a program has made
 _LAST_WORDS = 200  # characters of what a program said that are repeated where it fails
-_SCRIPT = Path(__file__).parent / "programs" / "mediapipe_pose.py"
+MEDIAPIPE_SCRIPT = Path(__file__).parent / "programs" / "mediapipe_pose.py"
 _BY_HAND = "python3.12 -m venv mp && mp/bin/pip install mediapipe==0.10.14 'numpy<2'"
 
 
@@ -64,9 +64,9 @@ class MaskProgram:
                 mask.unlink()
         if not all(mask.exists() for mask in made):
             problem = self._run([*self.command, str(frames), str(masks)], made, masks.with_suffix(".log"), progress)
-            for mask in made:
-                if fault := problem or _fault(mask, size):
-                    raise self._error(fault, mask, frames)
+            for mask in made:  # a program that fails at its end, with all masks written, has done its work
+                if fault := _fault(mask, size):
+                    raise self._error(problem or fault, mask, frames)
         progress(len(made))
         return made
 
@@ -154,13 +154,15 @@ def find_program(text: str, note: Callable[[str], None]) -> MaskProgram:
 
 def _mediapipe(note: Callable[[str], None]) -> MaskProgram:
     """MediaPipe Pose in an environment that ``uv`` makes once and keeps in its cache."""
-    by_hand = f"or by hand: {_BY_HAND}, then --with {shlex.quote(f'mp/bin/python {shlex.quote(str(_SCRIPT))}')}"
+    by_hand = (
+        f"or by hand: {_BY_HAND}, then --with {shlex.quote(f'mp/bin/python {shlex.quote(str(MEDIAPIPE_SCRIPT))}')}"
+    )
     uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
     if uv is None:
         raise InputError("--with mediapipe", "needs uv, which is not installed", f"pip install uv; {by_hand}")
     # Packages of ours that PYTHONPATH names are none for another version of Python.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    offline = (uv, "run", "--quiet", "--offline", "--script", str(_SCRIPT))
+    offline = (uv, "run", "--quiet", "--offline", "--script", str(MEDIAPIPE_SCRIPT))
     if subprocess.run(offline, capture_output=True, env=environment).returncode:
         note("uv installs MediaPipe 0.10.14 with its weights (Apache-2.0) into its cache: about 200 MB, once")
         online = [word for word in offline if word != "--offline"]

@@ -20,6 +20,7 @@ from mmocap_warp.scene import folder_search as search
 from mmocap_warp.scene.camera_tables import RATE_TOLERANCE
 from mmocap_warp.scene.folder_search import CalibrationFile, Kind, Medium, Take
 
+_LONGER_SIDE = 720  # pixels
 _MIN_UPRIGHT = 0.8  # share of the images' vertical that is along the world's if cameras stand upright
 _MAX_BAR_LEVEL = 30.0  # gray levels, of a black bar's brightest row
 _MIN_BAR_STEP = 20.0  # gray levels, by which the picture beside a black bar is brighter
@@ -66,6 +67,14 @@ class _Media:
         """A video's own rate, where most have another."""
         rate = self.rates.get(name)
         return rate if rate is not None and self.fps and abs(rate / self.fps - 1) > RATE_TOLERANCE else None
+
+
+def tracking_scale(size: np.ndarray) -> float:
+    """The power of two by which images are scaled for a tracker: 720 px are enough for a body that fills them."""
+    scale = 1.0
+    while scale * int(size.max()) > _LONGER_SIDE:
+        scale /= 2
+    return scale
 
 
 def draft_scene(folder: Path) -> Draft:
@@ -256,19 +265,23 @@ def _foreground(draft: Draft, media: _Media) -> list[str]:
     if cameras <= media.masks.keys():
         draft.found.append("masks of every camera, which are tracked as they are")
         return ["[foreground]", 'source = "masks"   # as they are; median, close, min_area and keep would clean them']
-    source, of = "recording", "from the recording itself, in which the person must not stay in one place"
     if cameras <= media.clean_plate.keys():
-        source, of = "clean_plate", "from the pictures without the person"
+        source, how = "clean_plate", "it learns the background from the pictures without the person"
     elif cameras <= media.background.keys():
-        source, of = "background_video", "from the recordings without the person"
-    draft.found.append(f"no masks of some cameras: mmocap mask makes them; it learns the background {of}")
+        source, how = "background_video", "it learns the background from the recordings without the person"
+    elif draft.calibration is not None and cameras <= media.video.keys():
+        source, how = "program", "by MediaPipe, because no picture shows the background alone"
+    else:
+        source, how = "recording", "it learns the background from the recording, in which the person must walk about"
+    draft.found.append(f"no masks of some cameras: mmocap mask makes them; {how}")
     return [
         "# Masks, the white silhouettes that are tracked, come in one of three ways:",
-        "# 1. mmocap mask makes them by subtracting a background, which is learnt from the whole recording (source =",
-        '#    "recording"; the person has to walk about), from a picture without the person (clean_plate = "..." for',
-        '#    each camera, source = "clean_plate"), or from a video without (background, "background_video").',
-        "# 2. A segmenter such as SAM 2, rembg or MediaPipe writes them from the videos.",
-        '# 3. You have them. Then, as with 2, name each camera\'s masks = "..." and set source = "masks".',
+        '# 1. mmocap mask makes them by a program (source = "program"): MediaPipe, which knows people, or the one that',
+        "#    --with names, such as rembg or SAM 2.",
+        "# 2. mmocap mask subtracts a background, which is learnt from a picture without the person (clean_plate =",
+        '#    "..." for each camera, source = "clean_plate"), from a video without (background, "background_video"),',
+        '#    or from the whole recording (source = "recording"; the person has to walk about).',
+        '# 3. You have them. Then name each camera\'s masks = "..." and set source = "masks".',
         "[foreground]",
         f'source = "{source}"',
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -64,7 +65,7 @@ def write_masks(
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, each in enumerate(folders):  # before any mask, so that none is ever without
         mask_mark(scene, k, scale, repaired=make_consistent is not None).write(each)
-    with WebmFile(folder / "overlay.webm", scene.rate) as video:
+    with ThreadPoolExecutor() as pool, WebmFile(folder / "overlay.webm", scene.rate) as video:
         frames = zip(scene.masks(scale), scene.images(scale) if images is None else images, strict=True)
         for f, (masks, views) in enumerate(frames):
             before = masks
@@ -72,8 +73,7 @@ def write_masks(
                 masks = make_consistent(masks)
             if refine is not None:
                 before, masks = [], refine(masks, views)
-            for each, mask in zip(folders, masks, strict=True):
-                write_png(each / f"{f:06d}.png", mask)
+            list(pool.map(write_png, [each / f"{f:06d}.png" for each in folders], masks))
             video.write(draw_masks(masks, views, before))
             if look is not None:
                 look(masks)

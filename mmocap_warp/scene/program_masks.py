@@ -110,9 +110,9 @@ def _key(scene: Scene, program: MaskProgram, scale: float) -> str:
 
 
 def _check_key(file: Path, key: str) -> None:
-    if not file.exists():
-        file.parent.mkdir(exist_ok=True)
+    if not file.parent.exists():
+        file.parent.mkdir()
         write_whole(file, key.encode())
-    elif file.read_text(encoding="utf-8") != key:
+    elif not file.exists() or file.read_text(encoding="utf-8", errors="replace") != key:
         problem = "holds unfinished masks of other videos or settings, or of another program"
         raise InputError(file.parent, problem, "remove it to start anew, or write to another folder")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -308,6 +309,19 @@ def test_masks_are_a_scene_that_tracks_alike(scene, result, tmp_path, capsys):
     again = answer(capsys, "track", written["scene"], "-o", tmp_path / "r.usdc", *flags)
     assert again["frames"] == FRAMES
     assert same_bits(result, tmp_path / "r.usdc")
+
+
+@pytest.mark.nightly
+def test_without_an_output_all_that_is_not_there_is_made(scene, tmp_path, capsys):
+    shutil.copytree(scene.parent, tmp_path / "all", ignore=shutil.ignore_patterns("result*"))
+    command = ("track", tmp_path / "all", "--evaluations", 12, "--frames", 2)
+    files = {name: Path(answer(capsys, *command)[name]) for name in ("result", "video", "page")}
+    assert [file.name for file in files.values()] == ["result.usdc", "result.webm", "result.html"]
+    files["video"].unlink()
+    made = {file: file.stat().st_mtime_ns for file in (files["result"], files["page"])}
+    assert cli.main([*map(str, command), "--json"]) == console.OK
+    assert files["video"].exists()
+    assert {file: file.stat().st_mtime_ns for file in made} == made
 
 
 def test_masks_of_some_frames_keep_their_numbers(scene, tmp_path, capsys):

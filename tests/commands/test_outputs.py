@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from mmocap_warp.commands import outputs
+from mmocap_warp.commands import outputs, show
+from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.outputs import new_file, new_folder
 from mmocap_warp.errors import InputError
 
@@ -119,3 +120,14 @@ def test_a_function_releases_what_it_locked_and_nothing_else(tmp_path):
     with pytest.raises(InputError):
         write("r.txt")
     assert os.listdir(tmp_path) == [".outer.usdc.lock"]
+
+
+def test_all_of_a_result_is_drawn_unless_it_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[str] = []
+    for name in ("show", "view"):
+        monkeypatch.setattr(show, name, lambda result, output, **named: drawn.append(output.name) or output.touch())
+    for force, made in ((False, ["r.webm", "r.html"]), (False, []), (True, ["r.webm", "r.html"])):
+        drawn.clear()
+        files = show.show_all(tmp_path / "r.usdc", Reporter(), force)
+        assert drawn == made
+        assert all(file.exists() for file in files.values())

@@ -269,8 +269,12 @@ def test_millimetres_are_told_from_metres(videos: Path) -> None:
 
 
 def test_a_background_is_named(videos: Path) -> None:
+    assert draft_scene(videos).text.endswith('source = "recording"\n')  # a program's masks need a calibration
     write_toml_rig(videos / "calibration.toml", RIG)
-    assert 'source = "recording"' in draft_scene(videos).text
+    assert draft_scene(videos).text.endswith('source = "program"\n')
+    assert any(
+        "by MediaPipe, because no picture shows the background alone" in line for line in draft_scene(videos).found
+    )
     lay_out(videos, videos, "empty/{}.mkv")
     assert 'source = "background_video"' in draft_scene(videos).text
     (videos / "plates").mkdir()

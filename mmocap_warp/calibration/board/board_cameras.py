@@ -1,0 +1,317 @@
+"""Cameras from a board that is moved about: first each lens from frames near to it, then the places of all.
+
+A small board far away does not tell focal length from distance, so places are solved with the lenses held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from mmocap_warp.calibration.board.pattern import Board
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.errors import InputError
+
+_LENS_FRAMES, _PLACE_FRAMES = 40, 120  # frames that are used for a lens, and for the places
+_MIN_LENS_FRAMES, _MIN_COMMON = 8, 5  # frames that a lens needs, and a camera in common with the others
+_MAX_FOCAL_SIGMA = 0.01  # of the focal length, as a share, of a lens that is determined
+_BENT = 0.95  # residuals with a third radial term over those without, below which the lens has one
+_BLURRED = 25  # percent of a camera's frames that are too blurred, or moved too fast, to be used
+_MAX_RMS = 0.002  # residual of the places over the image's longer side; out of step it is ten times as much
+
+
+@dataclass(frozen=True)
+class Detections:
+    """A board in the frames of one camera.
+
+    Attributes:
+        pixels: (frame, corner, 2) float32 [px]; NaN where a corner is not seen.
+        sharpness: (frame,) how sharp the board's edges are; 0 where it is not seen.
+        other: what the images show of another board, in words.
+    """
+
+    pixels: np.ndarray
+    sharpness: np.ndarray
+    other: str | None = None
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(frame,) bool, whether the board is seen."""
+        return np.isfinite(self.pixels[..., 0]).any(axis=1)
+
+    @property
+    def whole(self) -> np.ndarray:
+        """(frame,) bool, whether all of its corners are seen: OpenCV finds no start from parts of a board."""
+        return np.isfinite(self.pixels[..., 0]).all(axis=1)
+
+    @property
+    def sharp(self) -> np.ndarray:
+        """(frame,) bool, whether it is seen and not among the most blurred."""
+        level = np.percentile(self.sharpness[self.seen], _BLURRED) if self.seen.sum() > _LENS_FRAMES // 2 else 0.0
+        return self.seen & (self.sharpness >= level)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BoardCalibration:
+    """Cameras found from a board.
+
+    Attributes:
+        rig: the cameras, in metres.
+        rms: (camera,) root mean square of the residuals [px].
+        focal_sigma: (camera,) standard deviation of focal lengths, as a share; 0 where they were given.
+        lens_frames, place_frames: (camera,) int, frames that were used.
+        coverage: (camera,) the share of the image, in 8x6 cells, that the board's corners covered.
+        points, residuals: per camera (n, 2), corners and how far the calibration misses them [px].
+    """
+
+    rig: CameraRig
+    rms: np.ndarray
+    focal_sigma: np.ndarray
+    lens_frames: np.ndarray
+    place_frames: np.ndarray
+    coverage: np.ndarray
+    points: tuple[np.ndarray, ...]
+    residuals: tuple[np.ndarray, ...]
+
+    def __repr__(self) -> str:
+        return f"BoardCalibration: {', '.join(self.rig.names)}, residuals {self.rms.max():.2f} px at most"
+
+
+def detect_board(images: Iterable[np.ndarray | None], board: Board) -> Detections:
+    """Look for the board in the BGR or gray images of one camera; None stands for a frame that it does not have."""
+    pixels, sharpness, other = [], [], None
+    nothing = np.full((len(board.corners), 2), np.nan, np.float32)
+    for image in images:
+        gray = image if image is None or image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        corners = None if gray is None else board.find(gray)
+        if corners is None and gray is not None and other is None and not sharpness.count(0.0) % 10:
+            other = board.other_boards(gray)
+        pixels.append(nothing if corners is None else corners)
+        sharpness.append(0.0 if corners is None or gray is None else _sharpness(gray, corners))
+    return Detections(np.array(pixels).reshape(-1, *nothing.shape), np.array(sharpness), other)
+
+
+def _sharpness(gray: np.ndarray, corners: np.ndarray) -> float:
+    """The Laplacian's variance over that of the gray levels, made independent of how large the squares are."""
+    left, top = np.nanmin(corners, axis=0).astype(int)
+    right, bottom = np.nanmax(corners, axis=0).astype(int) + 2
+    part = gray[max(top, 0) : bottom, max(left, 0) : right]
+    edges = cv2.Laplacian(part, cv2.CV_32F)
+    return float(edges.var() / max(part.var(), 1.0) * np.sqrt(part.size / np.isfinite(corners[:, 0]).sum()))
+
+
+def calibrate_from_board(
+    names: Sequence[str], sizes: np.ndarray, detections: Sequence[Detections], board: Board, known: CameraRig | None
+) -> BoardCalibration:
+    """Find lenses and places; the world is the first camera's.
+
+    Args:
+        names: of the cameras.
+        sizes: (camera, 2) width and height [px].
+        detections: the board in each camera's frames, which are in step.
+        board: the board.
+        known: lenses that are held, of cameras of these names; None where they are to be found.
+
+    Raises:
+        InputError: cameras that do not see the board, see too little of it, or are not in step.
+    """
+    _check_seen(names, detections, board)
+    # The lenses, each from its own frames.
+    lenses = [
+        _solve_lens(name, size, each, board) if known is None else _given_lens(known, name)
+        for name, size, each in zip(names, sizes.tolist(), detections, strict=True)
+    ]
+    K, distortion = np.array([lens[0] for lens in lenses]), np.array([lens[1] for lens in lenses])
+    # The places, from sharp frames that two cameras or more see.
+    chosen = _common_frames(names, detections)
+    seen = np.array([each.whole[chosen] for each in detections])
+    pixels = np.array([each.pixels[chosen] for each in detections])
+    R, t, turns, shifts = _solve_places(sizes, pixels, seen, board, K, distortion)
+    points, residuals = [], []
+    for k in range(len(names)):
+        seen_pixels, missed = [], []
+        for frame in np.flatnonzero(seen[k]):
+            in_view = np.isfinite(pixels[k, frame, :, 0])
+            # From the board to the first camera, and on to this one.
+            turn, shift = R[k] @ turns[frame], R[k] @ shifts[frame] + t[k]
+            expected, _ = cv2.projectPoints(board.corners[in_view], cv2.Rodrigues(turn)[0], shift, K[k], distortion[k])
+            seen_pixels.append(pixels[k, frame, in_view])
+            missed.append(seen_pixels[-1] - expected[:, 0])
+        points.append(np.concatenate(seen_pixels))
+        residuals.append(np.concatenate(missed))
+    rms = np.array([np.sqrt((each**2).sum(axis=1).mean()) for each in residuals])
+    _check_residuals(names, sizes, rms)
+    return BoardCalibration(
+        rig=CameraRig(tuple(names), K, R, t, np.asarray(sizes), distortion, "-y"),
+        rms=rms,
+        focal_sigma=np.array([lens[2] for lens in lenses]),
+        lens_frames=np.array([lens[3] for lens in lenses]),
+        place_frames=seen.sum(axis=1),
+        coverage=np.array([_coverage(each, size) for each, size in zip(detections, sizes, strict=True)]),
+        points=tuple(points),
+        residuals=tuple(residuals),
+    )
+
+
+def _check_seen(names: Sequence[str], detections: Sequence[Detections], board: Board) -> None:
+    for name, each in zip(names, detections, strict=True):
+        count = int(each.seen.sum())
+        if count < _MIN_COMMON:
+            problem = f"the board {board} is seen in {count} of {len(each.seen)} frames, at least {_MIN_COMMON} needed"
+            if each.other is not None:
+                raise InputError(f"camera '{name}'", f"{problem}; {each.other}", "give --board as it was printed")
+            remedy = "show the board to this camera, larger, sharper and in better light, or correct --board"
+            raise InputError(f"camera '{name}'", problem, remedy)
+
+
+def _given_lens(known: CameraRig, name: str) -> tuple[np.ndarray, np.ndarray, float, int]:
+    k = known.names.index(name)
+    return known.K[k], known.distortion[k], 0.0, 0
+
+
+def _solve_lens(
+    name: str, size: list[int], detections: Detections, board: Board
+) -> tuple[np.ndarray, np.ndarray, float, int]:
+    """Intrinsics, distortion, the relative standard deviation of the focal length, and the number of frames."""
+    chosen = _spread_frames(detections, np.array(size))
+    if len(chosen) < _MIN_LENS_FRAMES:
+        problem = f"{len(chosen)} frames show the board sharply, at least {_MIN_LENS_FRAMES} are needed for the lens"
+        raise InputError(f"camera '{name}'", problem, "film the board for longer, or give the lenses with --known")
+    views = [detections.pixels[frame] for frame in chosen]
+    known = [np.isfinite(view[:, 0]) for view in views]
+    on_board = [board.corners[each] for each in known]
+    in_image = [view[each] for view, each in zip(views, known, strict=True)]
+    # A third radial term is only used where the images need it: it takes part of the focal length's share else.
+    plain, bent = (
+        cv2.calibrateCameraExtended(on_board, in_image, size, None, None, flags=flags)  # type: ignore[call-overload]
+        for flags in (cv2.CALIB_FIX_K3, 0)
+    )
+    answer = bent if bent[0] < _BENT * plain[0] else plain
+    K, distortion, sigma = answer[1], answer[2].ravel()[:5], answer[5].ravel()
+    share = float(sigma[:2].max() / K[0, 0])
+    if not share < _MAX_FOCAL_SIGMA:
+        problem = f"the board does not determine the focal length (known to {100 * share:.1f} %)"
+        remedy = "hold the board close to this camera, tilted, in all parts of its image, or give --known"
+        raise InputError(f"camera '{name}'", problem, remedy)
+    return K, distortion, share, len(chosen)
+
+
+def _spread_frames(detections: Detections, size: np.ndarray) -> list[int]:
+    """Sharp frames, each as unlike those before as can be in the board's place, extent and tilt."""
+    frames = np.flatnonzero(detections.sharp)
+    features = np.array([_look(detections.pixels[frame], size) for frame in frames]).reshape(len(frames), -1)
+    if not len(frames):
+        return []
+    chosen = [int(np.argmax(features[:, 2]))]  # the closest board first
+    distance = np.full(len(frames), np.inf)
+    while len(chosen) < min(_LENS_FRAMES, len(frames)):
+        distance = np.minimum(distance, np.linalg.norm(features - features[chosen[-1]], axis=1))
+        distance[chosen] = -1.0
+        chosen.append(int(np.argmax(distance + 0.5 * features[:, 2])))
+    return [int(frame) for frame in frames[chosen]]
+
+
+def _look(pixels: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Where a board lies in the image, how large it is and how it is turned and tilted, as shares of the image."""
+    seen = pixels[np.isfinite(pixels[:, 0])] / size.max()
+    spread = np.cov(seen.T)
+    return np.array([*seen.mean(axis=0), 2 * np.sqrt(np.trace(spread)), *(2 * np.sqrt(np.abs(spread[[0, 1], [0, 1]])))])
+
+
+def _common_frames(names: Sequence[str], detections: Sequence[Detections]) -> np.ndarray:
+    """Frames for the places: sharp ones which connect all cameras."""
+    seen = np.array([each.whole for each in detections])
+    sharp = seen & [each.sharp for each in detections]
+    joint = (sharp.sum(axis=0) >= 2).nonzero()[0]
+    # Cameras that share frames, directly or through others, with the first one.
+    shared = (seen[:, None, joint] & seen[None, :, joint]).sum(axis=-1) >= _MIN_COMMON
+    group = np.eye(len(names), dtype=bool)[0]
+    for _ in names:
+        group = group | shared[group].any(axis=0)
+    if not group.all():
+        name = names[int(np.flatnonzero(~group)[0])]
+        problem = (
+            f"sees the whole board in fewer than {_MIN_COMMON} frames in common with '{names[0]}' and those beside it"
+        )
+        remedy = "show the board to both at once, or give a scene whose offsets put the cameras in step"
+        raise InputError(f"camera '{name}'", problem, remedy)
+    if len(joint) <= _PLACE_FRAMES:
+        return joint
+    # Frames that most cameras see come first, with those of the camera that has fewest counted more.
+    worth = (seen[:, joint] / seen[:, joint].sum(axis=1, keepdims=True)).sum(axis=0)
+    return np.sort(joint[np.argsort(-worth, kind="stable")[:_PLACE_FRAMES]])
+
+
+def _solve_places(
+    sizes: np.ndarray, pixels: np.ndarray, seen: np.ndarray, board: Board, K: np.ndarray, distortion: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """With the lenses held: from the first camera's axes to each camera's, and from the board's to the first's."""
+    count, frames = seen.shape
+    visible = np.where(np.isfinite(pixels), pixels, 0.0).astype(np.float32)
+    answer = cv2.calibrateMultiviewExtended(
+        [board.corners] * frames,
+        [list(each) for each in visible],
+        [tuple(map(int, size)) for size in sizes],
+        seen.astype(np.uint8),
+        np.full((count, 1), cv2.CALIB_MODEL_PINHOLE, np.uint8),
+        [each.copy() for each in K],
+        [each.copy() for each in distortion],
+        [np.zeros((3, 1)) for _ in K],
+        [np.zeros((3, 1)) for _ in K],
+        rvecs0=[np.zeros((3, 1)) for _ in range(frames)],
+        tvecs0=[np.zeros((3, 1)) for _ in range(frames)],
+        flagsForIntrinsics=np.full((count, 1), cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_INTRINSIC, np.int32),
+        flags=cv2.CALIB_USE_INTRINSIC_GUESS,
+    )
+    R, t, turns, shifts = answer[3], answer[4], answer[6], answer[7]
+    return _matrices(R), np.array(t).reshape(-1, 3), _matrices(turns), np.array(shifts).reshape(-1, 3)
+
+
+def _matrices(rotations: Sequence[np.ndarray]) -> np.ndarray:
+    """Rotations as matrices; OpenCV gives some as vectors."""
+    each = [np.asarray(rotation) for rotation in rotations]
+    return np.array([rotation if rotation.size == 9 else cv2.Rodrigues(rotation)[0] for rotation in each])
+
+
+def _check_residuals(names: Sequence[str], sizes: np.ndarray, rms: np.ndarray) -> None:
+    shares = rms / np.asarray(sizes).max(axis=1)
+    worst = int(np.argmax(shares))
+    if not shares[worst] < _MAX_RMS:
+        problem = f"the views of the board disagree by {rms[worst]:.1f} px, most in this camera"
+        remedy = (
+            "see that the cameras are in step (or give a scene with their offsets), that none was moved, and that "
+            "--board has the numbers and the size of the squares"
+        )
+        raise InputError(f"camera '{names[worst]}'", problem, remedy)
+
+
+def _coverage(detections: Detections, size: np.ndarray) -> float:
+    """The share of an image's 8x6 cells that hold a corner in any frame."""
+    pixels = detections.pixels[np.isfinite(detections.pixels[..., 0])]
+    cells = np.clip((pixels / size * [8, 6]).astype(int), 0, [7, 5])
+    return len(np.unique(cells, axis=0)) / 48
+
+
+def on_floor(found: BoardCalibration, detections: Sequence[Detections], board: Board, frame: int) -> CameraRig:
+    """The cameras in the world of the board as it lies in a frame: its first corner at zero, z up.
+
+    Raises:
+        InputError: no camera sees the board in that frame.
+    """
+    rig = found.rig
+    counts = [int(np.isfinite(each.pixels[frame, :, 0]).sum()) for each in detections]
+    k = int(np.argmax(counts))
+    if not counts[k]:
+        raise InputError(f"--floor {frame}", "no camera sees the board in that frame", "name a frame in which one does")
+    known = np.isfinite(detections[k].pixels[frame, :, 0])
+    in_image = detections[k].pixels[frame, known]
+    _, turn, shift = cv2.solvePnP(board.corners[known], in_image, rig.K[k], rig.distortion[k])
+    # The board's z points into the floor: turn it by half about x, so that z is up.
+    to_camera = cv2.Rodrigues(turn)[0] @ np.diag([1.0, -1.0, -1.0])
+    to_first = rig.R[k].T @ to_camera
+    origin = rig.R[k].T @ (shift.ravel() - rig.t[k])
+    R = rig.R @ to_first
+    return replace(rig, R=R, t=rig.R @ origin + rig.t, up="+z")

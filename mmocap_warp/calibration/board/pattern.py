@@ -1,0 +1,203 @@
+"""Boards: what ``charuco:5x7:40mm`` means, the drawing to print, and its corners in an image."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from mmocap_warp.cameras.rig import METRES
+
+MIN_CORNERS = 6  # corners of a board that is used; fewer determine a pose badly
+_MARKER_SHARE = 0.75  # side of a marker over that of its square
+_MARGIN = 10.0  # millimetres of white around the printed board
+_RULER = 100.0  # millimetres of the ruler that checks the print's scale
+_SPECIFICATION = re.compile(
+    r"(?P<kind>charuco|chessboard):(?P<columns>\d{1,2})x(?P<rows>\d{1,2}):(?P<square>\d+(\.\d+)?)(?P<unit>mm|cm|m|in)"
+    r"(:(?P<marker>\d+(\.\d+)?)(?P<marker_unit>mm|cm|m|in))?(:(?P<dictionary>[4-7]x[4-7]_\d+))?"
+)
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat board of squares.
+
+    Attributes:
+        kind: ``charuco`` or ``chessboard``.
+        columns, rows: numbers of squares.
+        square: side of a square [m].
+        marker: side of a ChArUco board's marker [m].
+        dictionary: of the markers, such as ``4x4_50``.
+    """
+
+    kind: str
+    columns: int
+    rows: int
+    square: float
+    marker: float
+    dictionary: str = "4x4_50"
+
+    def __str__(self) -> str:
+        size = f"{self.kind}:{self.columns}x{self.rows}:{1000 * self.square:g}mm"
+        return size if self.kind == "chessboard" else f"{size}:{1000 * self.marker:g}mm:{self.dictionary}"
+
+    @classmethod
+    def parse(cls, text: str) -> Board:
+        """A board as the command line has it: ``charuco:5x7:40mm`` or ``charuco:5x7:40mm:30mm:4x4_50``.
+
+        Raises:
+            ValueError: text that names no board.
+        """
+        match = _SPECIFICATION.fullmatch(text.lower())
+        if match is None:
+            raise ValueError(
+                "board must be such as charuco:5x7:40mm, charuco:5x7:40mm:30mm:4x4_50 (with the markers' size and "
+                f"dictionary) or chessboard:6x9:40mm, with the numbers of squares and the side of one, got '{text}'"
+            )
+        square = float(match["square"]) * METRES[match["unit"]]
+        marker = float(match["marker"]) * METRES[match["marker_unit"]] if match["marker"] else _MARKER_SHARE * square
+        board = cls(match["kind"], int(match["columns"]), int(match["rows"]), square, marker)
+        if match["dictionary"]:
+            board = cls(board.kind, board.columns, board.rows, square, marker, match["dictionary"])
+        board.check()
+        return board
+
+    def check(self) -> None:
+        """Raise a ValueError for a board that cannot be used."""
+        if min(self.columns, self.rows) < 3:
+            raise ValueError(f"board must have at least 3x3 squares, got {self.columns}x{self.rows}")
+        if not 0.001 <= self.square <= 2:
+            raise ValueError(f"board must have squares of 1 mm to 2 m, got {self.square:g} m")
+        if self.kind == "chessboard":
+            if (self.columns + self.rows) % 2 == 0:
+                raise ValueError(
+                    f"board {self} looks the same when it is turned by half; take one with an odd and an even number "
+                    "of squares, such as chessboard:6x9:40mm, or a ChArUco board"
+                )
+            return
+        if not 0 < self.marker < self.square:
+            raise ValueError(f"board must have markers smaller than its squares, got {self.marker:g} m")
+        if not hasattr(cv2.aruco, self._dictionary_name):
+            raise ValueError(f"board names the dictionary '{self.dictionary}', which OpenCV does not have; try 4x4_250")
+        if self.columns * self.rows // 2 > int(self.dictionary.split("_")[1]):
+            raise ValueError(
+                f"board has more markers than the dictionary {self.dictionary}; name a larger one, such as "
+                f"{self.kind}:{self.columns}x{self.rows}:{1000 * self.square:g}mm:{1000 * self.marker:g}mm:4x4_250"
+            )
+
+    @property
+    def _dictionary_name(self) -> str:
+        return f"DICT_{self.dictionary.upper()}"
+
+    @cached_property
+    def _markers(self) -> cv2.aruco.Dictionary:
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self._dictionary_name))
+
+    @cached_property
+    def _charuco(self) -> cv2.aruco.CharucoBoard:
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, self._markers)
+
+    @cached_property
+    def _detector(self) -> cv2.aruco.CharucoDetector:
+        return cv2.aruco.CharucoDetector(self._charuco)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(corner, 3) float32, the inner corners on the board, row by row: x right, y down, z into the board [m]."""
+        down, across = np.mgrid[1 : self.rows, 1 : self.columns]
+        return (self.square * np.stack([across, down, 0 * down], axis=-1)).reshape(-1, 3).astype(np.float32)
+
+    def find(self, gray: np.ndarray) -> np.ndarray | None:
+        """The pixels of the corners (corner, 2) float32 in an image, NaN where not seen; None where too few are."""
+        pixels = np.full((len(self.corners), 2), np.nan, np.float32)
+        if self.kind == "charuco":
+            corners, numbers, _, _ = self._detector.detectBoard(gray)
+            if numbers is None or len(numbers) < MIN_CORNERS:
+                return None
+            pixels[numbers.ravel()] = corners.reshape(-1, 2)
+            seen = self.corners[numbers.ravel(), :2]
+            return pixels if min(np.ptp(seen, axis=0)) > 0 else None  # corners on one line determine no pose
+        return self._find_chessboard(gray)
+
+    def _find_chessboard(self, gray: np.ndarray) -> np.ndarray | None:
+        inner = self.columns - 1, self.rows - 1
+        good, corners = cv2.findChessboardCornersSB(gray, inner, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        if not good:
+            return None
+        grid = corners.reshape(inner[1], inner[0], 2)
+        # The detector may begin at either end: rows go down, and the square at the first corner is the drawing's.
+        across, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+        if across[0] * down[1] - across[1] * down[0] < 0:
+            grid = grid[:, ::-1]
+        first, last = (np.rint(each.mean(axis=(0, 1))).astype(int) for each in (grid[:2, :2], grid[-2:, -2:]))
+        if gray[first[1], first[0]] > gray[last[1], last[0]]:  # the square at the first inner corner is black
+            grid = grid[::-1, ::-1]
+        return np.ascontiguousarray(grid.reshape(-1, 2), np.float32)
+
+    def other_boards(self, gray: np.ndarray) -> str | None:
+        """What an image shows of another ChArUco board, in words; None where it shows none."""
+        if self.kind != "charuco":
+            return None
+        for name in (self.dictionary, *(f"{bits}x{bits}_{count}" for bits in range(4, 8) for count in (50, 250, 1000))):
+            dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.upper()}"))
+            _, numbers, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(gray)
+            count = 0 if numbers is None else len(numbers)
+            if name == self.dictionary and count >= 2 and numbers.max() >= self.columns * self.rows // 2:
+                return f"it shows marker {numbers.max()}, which a board of {self.columns}x{self.rows} squares lacks"
+            if name != self.dictionary and count >= 4:
+                return f"it shows markers of the dictionary {name}"
+        return None
+
+    def svg(self) -> str:
+        """The board to be printed at 100 %, in millimetres, with a ruler that checks the print."""
+        side, marker = 1000 * self.square, 1000 * self.marker
+        width, height = self.columns * side + 2 * _MARGIN, self.rows * side + 3 * _MARGIN + 10
+        cells = [(row, column) for row in range(self.rows) for column in range(self.columns)]
+        shapes = [
+            _rectangle(_MARGIN + column * side, _MARGIN + row * side, side, side)
+            for row, column in cells
+            if (row + column) % 2 == self._first_is_white
+        ]
+        if self.kind == "charuco":
+            white = [cell for cell in cells if sum(cell) % 2 != self._first_is_white]
+            inset = (side - marker) / 2
+            for number, (row, column) in enumerate(white):
+                shapes += self._marker(number, _MARGIN + column * side + inset, _MARGIN + row * side + inset, marker)
+        below = self.rows * side + 2 * _MARGIN
+        ruler = min(_RULER, 10 * int(self.columns * side / 10))
+        shapes.append(_rectangle(_MARGIN, below, ruler, 0.5))
+        shapes += [_rectangle(_MARGIN + place, below, 0.3, 3) for place in np.arange(0, ruler + 1, 10)]
+        text = f"{self} - print at 100 %: this ruler must measure {ruler:g} mm"
+        words = f'<text x="{_MARGIN:g}" y="{below + 8:g}" font-family="sans-serif" font-size="3.5">{text}</text>'
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}mm" height="{height:g}mm" '
+            f'viewBox="0 0 {width:g} {height:g}"><rect width="100%" height="100%" fill="white"/>\n'
+            + "\n".join([*shapes, words])
+            + "\n</svg>\n"
+        )
+
+    @property
+    def _first_is_white(self) -> int:
+        return 0  # OpenCV draws both kinds with a black square in the first corner
+
+    def _marker(self, number: int, left: float, top: float, side: float) -> list[str]:
+        cells = self._markers.markerSize + 2
+        bits = cv2.aruco.generateImageMarker(self._markers, number, cells)
+        cell = side / cells
+        return [
+            _rectangle(left + column * cell, top + row * cell, cell, cell) for row, column in np.argwhere(bits == 0)
+        ]
+
+    def image(self, pixels: int) -> np.ndarray:
+        """The board without a margin, gray, ``pixels`` to a square."""
+        if self.kind == "charuco":
+            return np.asarray(self._charuco.generateImage((self.columns * pixels, self.rows * pixels)))
+        squares = (np.indices((self.rows, self.columns)).sum(axis=0) % 2).astype(np.uint8) * 255
+        return squares.repeat(pixels, axis=0).repeat(pixels, axis=1)
+
+
+def _rectangle(x: float, y: float, width: float, height: float) -> str:
+    return f'<rect x="{x:.3f}" y="{y:.3f}" width="{width:.3f}" height="{height:.3f}"/>'

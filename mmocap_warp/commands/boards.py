@@ -1,0 +1,174 @@
+"""Cameras from a board that is moved about, and the board to print: ``mmocap calib board`` and ``print-board``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mmocap_warp.calibration.board.board_cameras import BoardCalibration, calibrate_from_board, detect_board, on_floor
+from mmocap_warp.calibration.board.pattern import Board
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.commands.caller import Reporter, arguments_checked
+from mmocap_warp.commands.outputs import new_file, releases_locks
+from mmocap_warp.display.overlay import INK, LEFT_COLOUR, PAPER, write_text
+from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.image_files import write_png
+from mmocap_warp.formats.table import read_calibration, read_lenses
+from mmocap_warp.masks.frames import Frames, as_colour, open_frames
+from mmocap_warp.scene.frame_choice import frames_by_number
+from mmocap_warp.scene.recording import CameraSource
+from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.whole_file import write_whole
+
+_MAX_FRAMES = 400  # frames of each camera that are searched for the board, evenly spread
+_WIDTH = 480  # of a camera in the picture [px]
+_MAGNIFIED = 50  # times that residuals are drawn longer than they are
+
+
+@releases_locks
+def calibrate_board(
+    videos: Sequence[str | Path] | str | Path,
+    board: str,
+    output: str | Path | None = None,
+    *,
+    picture: str | Path | None = None,
+    known: str | Path | None = None,
+    floor: int | None = None,
+    force: bool = False,
+    reporter: Reporter | None = None,
+) -> BoardCalibration:
+    """Find cameras from videos in which a board of known size is held close to each camera, then moved amid them.
+
+    Args:
+        videos: a video or folder of images of each camera, which start together; or one scene, whose offsets are used.
+        board: such as charuco:5x7:40mm, with the numbers of squares and the side of one; also
+            charuco:5x7:40mm:30mm:4x4_50, with the markers' side and dictionary, or chessboard:6x9:40mm.
+        output: the calibration's file, .toml.
+        picture: a .png with the corners in each camera, and how far the calibration misses them, 50 times longer.
+        known: a calibration whose lenses are held; its places are not used.
+        floor: the number of a frame in which the board lies on the floor, its print up: the world's origin is its first
+            corner, z is up. [default: the world is the first camera's]
+        force: replace files that exist.
+        reporter: who is told of progress.
+
+    Raises:
+        UsageError: no such board.
+        InputError: videos that cannot be read, a camera that does not see the board, or cameras that are not in step.
+    """
+    with arguments_checked():
+        pattern = Board.parse(board)
+    file = None if output is None else new_file(output, ".toml", force=force)
+    image = None if picture is None else new_file(picture, ".png", force=force)
+    sources = _sources([Path(video) for video in ([videos] if isinstance(videos, str | Path) else videos)])
+    names, sizes = list(sources), np.array([frames.size for frames, _ in sources.values()])
+    lenses = None if known is None else _lenses(Path(known), names, sizes)
+    # The same moments of all cameras.
+    count = min(len(frames) for frames, _ in sources.values())
+    numbers = range(0, count, max(1, -(-count // _MAX_FRAMES)))
+    if floor is not None:
+        if not 0 <= floor < count:
+            raise UsageError(f"--floor = {floor} is not in 0 to {count - 1}")
+        moments = sorted({*numbers, floor})
+    else:
+        moments = list(numbers)
+    detections = []
+    with (reporter or Reporter()).stage("board") as progress:
+        for k, (frames, source) in enumerate(sources.values()):
+            images = _images(frames, source, moments)
+            detections.append(detect_board(images, pattern))
+            progress((k + 1) * len(moments), len(sources) * len(moments))
+    found = calibrate_from_board(names, sizes, detections, pattern, lenses)
+    if floor is not None:
+        found = replace(found, rig=on_floor(found, detections, pattern, moments.index(floor)))
+    if file is not None:
+        write_toml_rig(file, found.rig)
+    if image is not None:
+        write_png(image, board_picture(found))
+    return found
+
+
+def _sources(videos: Sequence[Path]) -> dict[str, tuple[Frames, CameraSource | None]]:
+    """The videos, by the names of the cameras; with a scene's cameras where a scene is given."""
+    if len(videos) == 1 and (videos[0].suffix == ".toml" or (videos[0] / "scene.toml").is_file()):
+        scene = load_scene(videos[0], masks=False, calibrated=False)
+        for source in scene.cameras:
+            if source.video is None:
+                raise InputError(videos[0], f"camera '{source.name}' has no video", "name the board's under [cameras]")
+        return {source.name: (source.video, source) for source in scene.cameras if source.video is not None}
+    opened: dict[str, tuple[Frames, CameraSource | None]] = {}
+    for video in videos:
+        name = video.stem if video.stem not in opened else video.resolve().parent.name
+        if name in opened:
+            raise InputError(video, f"is a second video of a camera '{name}'", "give the files names of their own")
+        opened[name] = open_frames(video), None
+    if len(opened) < 2:
+        raise UsageError("a rig has two cameras at least: give a video of each, or a scene")
+    return opened
+
+
+def _lenses(file: Path, names: Sequence[str], sizes: np.ndarray) -> CameraRig:
+    by_name = {name: (int(width), int(height)) for name, (width, height) in zip(names, sizes, strict=True)}
+    rig = read_lenses(file, "+z", by_name) or read_calibration(file, "m", "+z", by_name)
+    for name, size in by_name.items():
+        if name not in rig.names or name in rig.fisheye:
+            problem = f"has no lens of camera '{name}' that is not a fisheye"
+            raise InputError(file, problem, f"it has {', '.join(rig.names)}; name the videos as its cameras")
+        if tuple(rig.size[rig.names.index(name)]) != size:
+            width, height = size
+            problem = f"the lens of camera '{name}' is of images of another size than its video's {width}x{height}"
+            raise InputError(file, problem, "film at the size of the lens's calibration, or leave --known out")
+    return rig
+
+
+def _images(frames: Frames, source: CameraSource | None, moments: list[int]) -> Iterator[np.ndarray | None]:
+    numbers = moments if source is None else [source.number(moment) for moment in moments]
+    for image in frames_by_number(frames, numbers):
+        yield None if image is None else as_colour(image)
+
+
+def board_picture(found: BoardCalibration) -> np.ndarray:
+    """The corners in the image of each camera, with their residuals magnified, BGR."""
+    views = []
+    for k, name in enumerate(found.rig.names):
+        width, height = found.rig.size[k]
+        scale = _WIDTH / width
+        canvas = np.full((round(height * scale), _WIDTH, 3), PAPER, np.uint8)
+        cv2.rectangle(canvas, (0, 0), (_WIDTH - 1, len(canvas) - 1), (90, 90, 90), 1)
+        for point, residual in zip(found.points[k], found.residuals[k], strict=True):
+            start = np.rint(point * scale).astype(int).tolist()
+            end = np.rint((point + _MAGNIFIED * residual) * scale).astype(int).tolist()
+            cv2.line(canvas, start, end, LEFT_COLOUR, 1, cv2.LINE_AA)
+            cv2.circle(canvas, start, 1, INK, -1)
+        write_text(canvas, f"{name}: {found.rms[k]:.2f} px, covers {100 * found.coverage[k]:.0f} %", (8, 8))
+        views.append(canvas)
+    tall = max(map(len, views))
+    views = [cv2.copyMakeBorder(view, 0, tall - len(view), 0, 0, cv2.BORDER_CONSTANT) for view in views]
+    columns = int(np.ceil(np.sqrt(len(views))))
+    views += [np.zeros_like(views[0])] * (-len(views) % columns)
+    return np.vstack([np.hstack(views[at : at + columns]) for at in range(0, len(views), columns)])
+
+
+@releases_locks
+def print_board(board: str, output: str | Path, *, force: bool = False) -> Path:
+    """Write the drawing of a board as SVG, to be printed at 100 %; a ruler in it checks the print.
+
+    Args:
+        board: such as charuco:5x7:40mm, with the numbers of squares and the side of one; also
+            charuco:5x7:40mm:30mm:4x4_50, with the markers' side and dictionary, or chessboard:6x9:40mm.
+        output: the drawing's file, .svg.
+        force: replace a file that exists.
+
+    Raises:
+        UsageError: no such board.
+        InputError: a file that cannot be written.
+    """
+    with arguments_checked():
+        pattern = Board.parse(board)
+    file = new_file(output, ".svg", force=force)
+    write_whole(file, pattern.svg().encode())
+    return file

@@ -33,6 +33,9 @@ from mmocap_warp.tracking.track_config import TrackConfig
 REACH = 2.0
 """Seconds that frames are followed from an anchor at most."""
 _CONTEXT = 0.5  # seconds before and after a span whose frames are held
+_MARGIN = 0.1  # seconds beside what changed that are smoothed with it
+_CHANGED = 0.005  # a frame near clicks changed if a joint moved farther [m]
+_ANOTHER_PLACE = 0.04  # a longer search found another answer if a joint is this far away [m]
 _SEARCH_INTERVAL = 0.25  # seconds between the anchors where nothing is clicked
 _AGREES, _AGREEING = 0.02, 3  # joints this near to the known ones [m], in so many frames in a row, end a way
 _MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
@@ -88,7 +91,8 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins | N
     # Smooth what changed, and judge it as any track.
     free = np.zeros(len(whole), bool)
     ends = np.flatnonzero(changed)[[0, -1]]
-    free[max(own.start, ends[0] - context) : min(own.stop, ends[1] + 1 + context)] = True
+    margin = round(_MARGIN * result.rate)
+    free[max(own.start, ends[0] - margin) : min(own.stop, ends[1] + 1 + margin)] = True
     repeated = part.status == STATUS.index("repeated")
     status = np.where(free & ~repeated, STATUS.index("tracked"), part.status).astype(np.int8)
     raw = replace(part, pose=pose, status=status)
@@ -191,7 +195,8 @@ class _SpanSearch:
         chosen = least_costly(cost, place)
         for number in (1, 2):
             known = answers[number].where(chosen == number, known)
-        changed = (chosen > 0) & (self._apart(known, self._known) > 0.0)
+        least = (_CHANGED if pinned else _ANOTHER_PLACE) * self._size
+        changed = (chosen > 0) & (self._apart(known, self._known) > least)
         left = self._rooting.leave(known, pose[0, 3:6])
         return np.where(changed[:, None], left, pose), changed
 

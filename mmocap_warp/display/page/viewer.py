@@ -28,7 +28,7 @@ from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
 
 _HERE = "mmocap_warp.display.page"
-_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "layers.js", "page.js")
+_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "layers.js", "pins.js", "page.js")
 _IMAGE_SIDE = 320  # larger images are read with this longer side [px]
 
 
@@ -98,7 +98,7 @@ def view(
         summary=escape(_summary(result)),
         holds=escape(sentence(shown.rate, step, masks, pictures)),
         version=escape(__version__),
-        content=embedded(content(shown, truth, masks, pictures)),
+        content=embedded(content(shown, truth, masks, pictures, scene and scene.calibrated)),
     )
     return Page(html, len(result.frame_numbers))
 

@@ -98,7 +98,7 @@ def view(
         summary=escape(_summary(result)),
         holds=escape(sentence(shown.rate, step, masks, pictures)),
         version=escape(__version__),
-        content=embedded(content(shown, truth, masks, pictures, scene and scene.calibrated)),
+        content=embedded(content(shown, truth, masks, pictures, None if scene is None else scene.calibrated)),
     )
     return Page(html, len(result.frame_numbers))
 

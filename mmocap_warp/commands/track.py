@@ -13,7 +13,15 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.calibration.adjust.camera_changes import AdjustConfig
 from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
-from mmocap_warp.commands.inputs import Frames, body_from, look_first, scene_from, scene_reference, truth_of
+from mmocap_warp.commands.inputs import (
+    Frames,
+    body_from,
+    look_first,
+    result_from,
+    scene_from,
+    scene_reference,
+    truth_of,
+)
 from mmocap_warp.commands.mask import with_masks
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.errors import InputError, UsageError
@@ -29,7 +37,8 @@ from mmocap_warp.rigging.attaching import carrying, subject_carrying
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, body_file
 from mmocap_warp.rigging.start_poses import start_poses as named_start_poses
 from mmocap_warp.scene.recording import Scene
-from mmocap_warp.tracking import frame_loop
+from mmocap_warp.tracking import frame_loop, mending
+from mmocap_warp.tracking.pins import read_pins
 from mmocap_warp.tracking.track_config import REFINE, TrackConfig
 
 _UNDECIDED = {
@@ -155,6 +164,8 @@ def track(
     rigid: bool | None = None,
     frames: Frames = None,
     identity: int | None = None,
+    again: Result | str | Path | None = None,
+    pins: str | Path | list[dict[str, Any]] | None = None,
     resume: bool = False,
     accept_changed_code: bool = False,
     trust_cameras: bool = False,
@@ -176,6 +187,10 @@ def track(
         rigid: that body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
         frames: which of the recording's frames. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
+        again: a result of this scene, in which only the frames around pins, or those of --frames, are solved anew; all
+            others keep their bits. Subject and settings are the result's own; device and threads may be other ones.
+        pins: for --again, a file of joints that were clicked in two views or more, which 'mmocap view' helps to write.
+            From Python also a list of dictionaries.
         resume: continue an interrupted run; it ends with the same bits as one that was not interrupted.
         accept_changed_code: resume also where another version of the program began; its frames stay as they are.
         trust_cameras: go on even if masks and calibration fit no body; the result says so.
@@ -193,6 +208,13 @@ def track(
         raise UsageError("--resume and --force cannot both be given: one continues the run, the other replaces it")
     if resume and output is None:
         raise UsageError("--resume needs --output, the file of the run that it continues")
+    if again is not None:
+        given_too = [name for name, value in (("subject", subject), ("body", body), ("resume", resume)) if value]
+        if given_too:
+            raise UsageError(f"--again cannot be given with --{given_too[0]}: what it names is solved anew in part")
+        return _again(scene, again, pins, config, output, frames, identity, force, reporter, settings)
+    if pins is not None:
+        raise UsageError("--pins needs --again, the result whose frames were pinned")
     subject, body = _starts_from(subject, body)
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
     loaded = with_masks(scene_from(scene, frames, identity, reporter), reporter)
@@ -243,6 +265,55 @@ def track(
         write_result(file, tracked)
         checkpoint.unlink(missing_ok=True)
     return tracked
+
+
+def _again(
+    scene: Scene | str | Path,
+    again: Result | str | Path,
+    pins: str | Path | list[dict[str, Any]] | None,
+    config: TrackConfig | None,
+    output: str | Path | None,
+    frames: Frames,
+    identity: int | None,
+    force: bool,
+    reporter: Reporter,
+    settings: dict[str, Any],
+) -> Result:
+    """A result of which some frames were solved anew: around pins, or those that are named."""
+    result, path = result_from(again)
+    file = None if output is None else new_file(output, *USD_SUFFIXES, force=force)
+    loaded = scene_from(scene, frames, identity, reporter)
+    numbers = result.frame_numbers.tolist()
+    chosen = [position for position, number in enumerate(numbers) if number in loaded.frames]
+    span = range(chosen[0], chosen[-1] + 1) if 0 < len(chosen) < len(numbers) else None
+    if span is None and pins is None:
+        raise UsageError("--again needs --pins, or --frames first:end, to say which frames are solved anew")
+
+    # The run's settings are those of the result; where it is done may be another place.
+    fields = set(vars(TrackConfig())) - {"device", "threads"}
+    own = TrackConfig(**{name: result.config[name] for name in fields if name in result.config})
+    other = set(settings) - {"device", "threads"}
+    if other:
+        raise UsageError(f"--{min(other).replace('_', '-')} cannot be given with --again, which has the result's own")
+    place = effective(TrackConfig, loaded.settings("track"), settings, config)
+    own = replace(own, device=place.device, threads=place.threads)
+    start_warp(own.device)
+
+    # Cameras that were refined lie beside the result.
+    refined = result.config.get("refined_cameras")
+    if refined is not None and path is not None and (kept := path.with_name(refined)).exists():
+        rig = read_calibration(kept, None, loaded.calibrated.up, None).select(loaded.calibrated.names)
+        loaded = loaded.with_cameras(rig, load_toml(kept).take_table("metadata").take("offsets", dict))
+    clicked = None if pins is None else read_pins(pins, result, loaded.calibrated)
+    with reporter.stage("mend", None):
+        mended = mending.mended(loaded, result, own, clicked, span)
+    changed = mended.config.get("mended", [])[len(result.config.get("mended", [])) :]
+    spans = ", ".join(f"{first} to {last}" for first, last in (each["frames"] for each in changed))
+    reporter.note(f"again: frames {spans} are new" if spans else "again: nothing better was found")
+    mended = replace(mended, config=mended.config | scene_reference(loaded, file))
+    if file is not None:
+        write_result(file, mended)
+    return mended
 
 
 def _refined(

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
+from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip.backward_pass import AHEAD, STARTS, BackwardPass
 from mmocap_warp.contour.clip.clip_problem import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
 from mmocap_warp.contour.clip.motion_points import MotionPoints
@@ -37,6 +38,7 @@ from mmocap_warp.rigging.shipped import deviation_factors
 from mmocap_warp.tracking.contour_state import LEVEL_FRAMES
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs
+from mmocap_warp.tracking.pins import Pins
 from mmocap_warp.tracking.recovery_starts import RecoveryStarts
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import overlap
@@ -58,6 +60,7 @@ _TRACKED, _PARTIAL, _LOST, _INTERPOLATED, _REPEATED = (
 CANDIDATES = 32
 """Poses that are linearised at a time."""
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
+_HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]
 _FALL = 0.03  # overlap below that of the frames before from which a limb may be elsewhere for a moment
 
 
@@ -66,8 +69,25 @@ def frames_held(rate: float) -> int:
     return max(1, round(WINDOW * rate) + round(AHEAD * rate))
 
 
+@dataclass(frozen=True, eq=False)
+class Mending:
+    """What is added to the problem of a clip in which a span is solved anew.
+
+    Attributes:
+        held: (frame,) bool, the frames that stay as they are.
+        pins: joints that were clicked.
+    """
+
+    held: np.ndarray
+    pins: Pins | None
+
+
 def smoothed(
-    raw: Result, config: TrackConfig, observations: Iterable[Observation], progress: SmoothReport | None = None
+    raw: Result,
+    config: TrackConfig,
+    observations: Iterable[Observation],
+    progress: SmoothReport | None = None,
+    mending: Mending | None = None,
 ) -> Result:
     """The clip's poses as one problem, with their standard deviations.
 
@@ -79,10 +99,11 @@ def smoothed(
         config: its settings, with an ``acceleration``.
         observations: the masks that it was tracked from; a window of them is held at a time.
         progress: called after each window.
+        mending: which frames are held, and what was clicked in the others; there is no second opinion then.
     """
     started = time.perf_counter()
     masks = _MaskWindow(raw, config, observations)
-    runs = [_RunSmoother(raw, config, masks, run) for run in range(len(raw.pose))]
+    runs = [_RunSmoother(raw, config, masks, run, mending) for run in range(len(raw.pose))]
     done = 0
     cost, iou = raw.cost.copy(), raw.iou.copy()
     # All runs go from window to window together, because the masks are read once.
@@ -236,6 +257,7 @@ class _RunSmoother:
         config: settings.
         masks: which all runs share.
         run: number of the run.
+        mending: see :func:`smoothed`.
 
     Attributes:
         windows: solved when they are asked for.
@@ -243,7 +265,9 @@ class _RunSmoother:
         sigma: standard deviations of the same frames.
     """
 
-    def __init__(self, raw: Result, config: TrackConfig, masks: _MaskWindow, run: int) -> None:
+    def __init__(
+        self, raw: Result, config: TrackConfig, masks: _MaskWindow, run: int, mending: Mending | None = None
+    ) -> None:
         subject, track = raw.subject, raw.pose[run]
         skeleton = subject.body.skeleton
         self._masks, self._rate = masks, raw.rate
@@ -254,21 +278,23 @@ class _RunSmoother:
         self._skeleton, self._size = skeleton, subject.body.relative_size
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
-        points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
+        self._mending = mending
+        points = self._points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
         coordinates = [limb.coordinates for limb in limbs(skeleton)]
         from_rest = masks.pairs_from_rest if masks.pairs else None
         backward = BackwardPass(
             self._descend, self._linearise, self._rooting, points,
             raw.rate, self._area_costs, coordinates, from_rest, self,
         )  # fmt: skip
-        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, backward)
+        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, None if mending else backward)
         has_masks = np.isfinite(raw.iou).any(axis=(0, 2)) & (raw.status[0] != _REPEATED)
-        self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), has_masks)
+        acceleration = config.acceleration or ACCELERATION
+        self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(acceleration), has_masks)
 
         # How sure the poses are: noise from frame to frame, and a body that is not quite the right one.
         self._factors = deviation_factors(subject.body)
         axes = stretched(self._factors.joint) if self._factors else None
-        self._noise = Deviations(problem, config.acceleration, axes)
+        self._noise = Deviations(problem, acceleration, axes)
         self._body = BodyDeviations(
             problem, masks.linearise_body, masks.body_changes, axes, departure(subject.provenance)
         )
@@ -289,7 +315,11 @@ class _RunSmoother:
         """Take over the next window's final frames."""
         frames = slice(self._finished, self._finished + window.final)
         self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last_angles)
-        error = misfit(window.contour, self._rooting.searched, self._usual_misfit)
+        contour = window.contour
+        if self._mending:  # what holds frames is no contour
+            shown = self._finished + np.arange(len(window.rooted))
+            contour = self._masks.linearise(shown, window.rooted, self._tracked[shown], self._neighbours(shown))
+        error = misfit(contour, self._rooting.searched, self._usual_misfit)
         sigma = combine(self._noise.of(window), self._body.of(window), error, self._widest, self._usual_misfit)
         if self._factors:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
@@ -322,7 +352,18 @@ class _RunSmoother:
     def _linearise(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         """What the contours say about frames around poses. Frames that were lost say nothing."""
         self._known.base[frames], self._known.pose[frames] = rooted.base, rooted.pose
-        return self._masks.linearise(frames, rooted, self._tracked[frames], self._neighbours(frames))
+        contour = self._masks.linearise(frames, rooted, self._tracked[frames], self._neighbours(frames))
+        return self._with_mending(self._mending, frames, rooted, contour) if self._mending else contour
+
+    def _with_mending(
+        self, mending: Mending, frames: np.ndarray, rooted: RootedPoses, contour: NormalEquations
+    ) -> NormalEquations:
+        """What contours and pins say, or that a frame is held."""
+        if mending.pins:
+            contour = contour.plus(mending.pins.of(frames, rooted, self._points))
+        held = NormalEquations(*map(np.zeros_like, vars(contour).values()))
+        held.matrix[:] = _HELD_INFORMATION * np.eye(contour.matrix.shape[1])
+        return held.where(mending.held[frames], contour)
 
     def _descend(self, frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
         """Poses that the contours of frames lead to from some, and what they cost (pose,)."""

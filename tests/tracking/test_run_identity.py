@@ -160,7 +160,8 @@ CHANGES: list[tuple[str, Callable[[Run], Run]]] = [
     ("cameras", of_second_camera("recorded_offset")),
     *(("cameras", of_part("calibrated", name)) for name in names(CameraRig)),
     *((f"foreground.{name}", of_part("foreground", name)) for name in names(ForegroundSettings, "source")),
-    *(("body", of_body(name)) for name in names(BodyModel, "skin", "skeleton")),
+    # No pose depends on the joint sets that a body carries.
+    *(("body", of_body(name)) for name in names(BodyModel, "skin", "skeleton", "joint_sets")),
     *(("body", of_body_part("skin", name)) for name in names(SkinMesh)),
     *(("body", of_body_part("skeleton", name)) for name in names(Skeleton)),
     ("first pose", of_subject(lambda subject: other(subject, "root_base"))),

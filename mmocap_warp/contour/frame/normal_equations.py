@@ -44,6 +44,10 @@ class NormalEquations(FrameArrays):
         proper: np.ndarray = matrix + (information + rounding)[:, :, None] * np.eye(dof)
         return proper
 
+    def plus(self, other: NormalEquations) -> NormalEquations:
+        """What both say."""
+        return NormalEquations(self.matrix + other.matrix, self.gradient + other.gradient, self.cost + other.cost)
+
     def of_seen(self, seen: np.ndarray) -> NormalEquations:
         """These, where frames that are not ``seen`` (frame,) bool say nothing."""
         return NormalEquations(self.matrix * seen[:, None, None], self.gradient * seen[:, None], self.cost * seen)

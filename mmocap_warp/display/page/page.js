@@ -17,6 +17,8 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)");
 let curves = [];
 let views = []; // that are drawn: each one's camera (null: none), pinhole, and left and top in the canvas
 
+const pins = new Pins(cameras);
+
 // What is shown: a frame, or a place between two while it plays.
 const trackName = () => (part.raw.checked && tracks[state.run].raw ? "raw" : "final");
 const track = () => tracks[state.run][trackName()];
@@ -279,6 +281,38 @@ function placeLabels(ratio) {
   });
   apart(named.filter(({ at }) => at), ratio);
   for (const { label, at } of named) put(label, at);
+  // Crosses of the frame's pins.
+  for (const old of part.labels.querySelectorAll(".cross")) old.remove();
+  if (part.pins.hidden) return;
+  for (const each of views.filter(({ camera }) => camera !== null)) {
+    for (const { joint, at } of pins.crosses(frames[frame()], each)) {
+      const cross = element("span", { className: "cross", textContent: "+", title: joint });
+      part.labels.append(cross);
+      put(cross, at);
+    }
+  }
+}
+
+function pinJoints(pinning) {
+  part.pins.hidden = !pinning;
+  part.pin.setAttribute("aria-pressed", String(pinning));
+  if (pinning) {
+    play(false);
+    if (state.through === null) lookThrough(ALL);
+  }
+  refresh();
+}
+
+function listPins() {
+  part.pinned.replaceChildren(...pins.all.map((pin) => {
+    const seen = [...pin.planes.keys()].map((k) => cameras[k].name).join(", ");
+    const remove = element("button", { type: "button", textContent: `Remove ${pin.joint} in frame ${pin.frame}` });
+    remove.addEventListener("click", () => { pins.remove(pin); listPins(); });
+    const words = pin.planes.size < 2 ? `${seen}: one camera more is needed` : seen;
+    return element("li", {}, [`Frame ${pin.frame}, ${pin.joint}: ${words} `, remove]);
+  }));
+  part.file.value = pins.toml();
+  refresh();
 }
 
 // Moves names down that would lie on others.
@@ -381,12 +415,15 @@ function turnByPointer(canvas) {
   });
   canvas.addEventListener("pointerleave", () => { state.pointer = null; refresh(); });
   canvas.addEventListener("click", (event) => {
-    if (state.through !== ALL) return;
+    if (state.through === null) return;
     const box = canvas.getBoundingClientRect(), ratio = canvas.width / box.width;
     const [x, y] = [event.clientX - box.left, event.clientY - box.top].map((value) => value * ratio);
     const cell = views.find(({ left, top, pinhole: { size } }) =>
       x >= left && x < left + size[0] && y >= top && y < top + size[1]);
-    if (cell) lookThrough(cell.camera);
+    if (!cell) return;
+    if (!part.pins.hidden) {
+      if (pins.put(frames[frame()], part.joint.value, cell, [x, y])) listPins();
+    } else if (state.through === ALL) lookThrough(cell.camera);
   });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
@@ -411,6 +448,7 @@ const KEYS = {
   ",": pacing(-1),
   ".": pacing(1),
   a: () => lookThrough(ALL),
+  p: () => { if (!part.pin.hidden) pinJoints(part.pins.hidden); },
   v: () => placeView(),
   m: layer(part.mask),
   b: layer(part.mesh),
@@ -451,6 +489,10 @@ part.mask.parentElement.hidden = !cameras.some((camera) => camera.masks.some(Boo
 part.truth.parentElement.hidden = !truth;
 part.sigmas.textContent = `${content.deviations} standard deviations`;
 part.all.addEventListener("click", () => lookThrough(ALL));
+part.pin.hidden = !cameras.every((camera) => camera.lens);
+part.pin.addEventListener("click", () => pinJoints(part.pins.hidden));
+part.joint.append(...body.joints.map((name) => element("option", { textContent: name })));
+part.copy.addEventListener("click", () => { part.file.select(); document.execCommand("copy"); });
 part.reset.addEventListener("click", () => placeView());
 part.run.append(...content.runs.map((run, i) => element("option", { value: i, textContent: run.name })));
 part.run.value = state.run;

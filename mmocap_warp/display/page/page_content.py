@@ -13,6 +13,7 @@ import numpy as np
 from mmocap_warp.body.joint_sets import JointSet
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.display.chart import COLOURS
 from mmocap_warp.display.overlay import ELLIPSE
 from mmocap_warp.formats.image_files import encode_png
@@ -158,17 +159,19 @@ def content(
     masks: Pictures | None = None,
     images: Pictures | None = None,
     joint_set: JointSet | None = None,
+    recorded: CameraRig | None = None,
 ) -> dict[str, Any]:
     """The page's data: all frames of a result, errors against a truth, masks and images where there are some.
 
-    The points of a joint set are those of the track as it is, not of that before it was smoothed.
+    The points of a joint set are those of the track as it is, not of that before it was smoothed. ``recorded`` are the
+    cameras with their lenses, at full size: joints can be pinned in their pixels.
 
     Raises:
         InputError: the truth is of another recording.
     """
     return {
         "body": _body(result.subject.body),
-        "cameras": _cameras(result, masks, images),
+        "cameras": _cameras(result, masks, images, recorded),
         "up": result.cameras.up_vector.tolist(),
         "fps": result.fps,
         "frames": result.frame_numbers.tolist(),
@@ -202,14 +205,22 @@ def _body(body: BodyModel) -> dict[str, Any]:
     }
 
 
-def _cameras(result: Result, masks: Pictures | None, images: Pictures | None) -> list[dict[str, Any]]:
+def _cameras(
+    result: Result, masks: Pictures | None, images: Pictures | None, recorded: CameraRig | None
+) -> list[dict[str, Any]]:
     rig = result.cameras
     return [
         {"name": name}
         | {what: getattr(rig, what)[k].tolist() for what in ("K", "R", "t", "size")}
+        | {"lens": None if recorded is None else _lens(recorded, recorded.names.index(name))}
         | {"masks": masks.of[k] if masks else [], "images": images.of[k] if images else []}
         for k, name in enumerate(rig.names)
     ]
+
+
+def _lens(rig: CameraRig, k: int) -> dict[str, Any]:
+    known = {what: getattr(rig, what)[k].tolist() for what in ("K", "distortion", "size")}
+    return known | {"fisheye": rig.names[k] in rig.fisheye}
 
 
 def _runs(result: Result, truth: Truth | None) -> list[dict[str, Any]]:

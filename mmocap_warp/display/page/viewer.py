@@ -29,7 +29,7 @@ from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
 
 _HERE = "mmocap_warp.display.page"
-_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "layers.js", "page.js")
+_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "layers.js", "pins.js", "page.js")
 _IMAGE_SIDE = 320  # larger images are read with this longer side [px]
 
 
@@ -101,7 +101,9 @@ def view(
         summary=escape(_summary(result)),
         holds=escape(sentence(shown.rate, step, masks, pictures)),
         version=escape(__version__),
-        content=embedded(content(shown, truth, masks, pictures, joint_set)),
+        content=embedded(
+            content(shown, truth, masks, pictures, joint_set, None if scene is None else scene.calibrated)
+        ),
     )
     return Page(html, len(result.frame_numbers))
 

@@ -4,6 +4,7 @@ WebGL is drawn by the processor here, which says nothing about how fast a GPU is
 """
 
 import base64
+import tomllib
 from dataclasses import replace
 
 import cv2
@@ -263,6 +264,33 @@ def test_a_key_shows_and_hides_each_layer(browser):
         np.testing.assert_array_equal(world(browser), before)
 
 
+def test_joints_are_pinned_by_clicks_in_two_cameras(browser, result):
+    press(browser, "p")
+    assert browser.run("[state.through, part.pins.hidden]") == ["all", False]
+    browser.run("part.joint.value = 'LWrist'; seek(3)")
+    browser.run(DRAWN)
+    wrist = result.subject.body.skeleton.joints.index("LWrist")
+    for k in (0, 2):
+        at = browser.run(
+            f"""(() => {{
+                const box = part.world.getBoundingClientRect(), {{ pinhole, left, top }} = views[{k}];
+                const [x, y] = pinhole.pixel(placeOf(joints, {wrist})), share = box.width / part.world.width;
+                return [(x + left) * share + box.left, (y + top) * share + box.top];
+            }})()"""
+        )
+        for kind in ("mousePressed", "mouseReleased"):
+            browser.ask("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left", clickCount=1)
+    browser.run(DRAWN)
+    assert browser.run("part.labels.querySelectorAll('.cross').length") == 2
+    (pin,) = tomllib.loads(browser.run("part.file.value"))["pin"]
+    assert (pin["frame"], pin["joint"]) == (39, "LWrist")
+    seen = project(result.cameras, result.joints()[result.best_run, 3])[:, wrist]
+    for k in (0, 2):
+        np.testing.assert_allclose(pin[result.cameras.names[k]], seen[k], atol=1.5)
+    browser.run("part.pinned.querySelector('button').click()")
+    assert browser.run("part.file.value") == ""
+
+
 def test_the_joint_below_the_pointer_is_named(browser, result):
     wrist = result.subject.body.skeleton.joints.index("LWrist")
     at = browser.run(
@@ -326,8 +354,8 @@ def test_axe_finds_nothing(browser, width, scheme):
     resize(browser, width, 800)
     emulate(browser, prefers_color_scheme=scheme)
     browser.run("document.querySelector('details').open = true")
-    for shown in ("null", "0", "ALL"):
-        browser.run(f"lookThrough({shown})")
+    for shown in ("lookThrough(null)", "lookThrough(0)", "lookThrough(ALL)", "pinJoints(true)"):
+        browser.run(shown)
         browser.run(DRAWN)
         assert violations(browser) == []
 

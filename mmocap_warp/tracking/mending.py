@@ -1,0 +1,296 @@
+"""A few frames of a result solved anew, from joints that were clicked or by a longer search; all others stay.
+
+A frame with clicked joints is an anchor: its pose is fitted to the clicks, then to clicks and contours. Without clicks
+each of some frames is one, and many poses around it are tried. From an anchor the frames are followed in both
+directions of time until the pose is the known one again. Each frame takes the better of what is known and of both ways,
+and the span is smoothed as a clip of its own, in which the frames around it are held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.contour.clip.backward_pass import least_costly
+from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
+from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, Trust
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.tracking.body_masks import tracked_masks
+from mmocap_warp.tracking.evidence import with_evidence
+from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
+from mmocap_warp.tracking.pins import Pins
+from mmocap_warp.tracking.recovery_starts import SCATTERED_POSES, RecoveryStarts
+from mmocap_warp.tracking.smoothing import Mending, smoothed
+from mmocap_warp.tracking.track_config import TrackConfig
+
+REACH = 2.0
+"""Seconds that frames are followed from an anchor at most."""
+_CONTEXT = 0.5  # seconds before and after a span whose frames are held
+_MARGIN = 0.1  # seconds beside what changed that are smoothed with it
+_CHANGED = 0.005  # a frame near clicks changed if a joint moved farther [m]
+_ANOTHER_PLACE = 0.04  # a longer search found another answer if a joint is this far away [m]
+_SEARCH_INTERVAL = 0.25  # seconds between the anchors where nothing is clicked
+_AGREES, _AGREEING = 0.02, 3  # joints this near to the known ones [m], in so many frames in a row, end a way
+_MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
+_PIN_STEPS, _STEPS, _WAY_STEPS = 30, 10, 5  # descent steps: to clicks alone, to clicks and contours, along a way
+_PRIOR = 0.5  # standard deviation of a pose around the known one while it is fitted to clicks alone [m, rad]
+_ACCELERATION = 36.0  # standard deviation of a joint's acceleration [m/s^2] that a change between answers is judged by
+_LOST_OVERLAP = 0.06  # overlap below the usual at which a frame is lost
+_FORBIDDEN = 1e9  # cost of an answer that is none
+
+
+def mended(scene: Scene, result: Result, config: TrackConfig, pins: Pins | None, span: range | None) -> Result:
+    """The result with the frames around pins, or those of a span, solved anew.
+
+    Args:
+        scene: the whole recording.
+        result: of a run with ``config``.
+        config: settings.
+        pins: joints that were clicked.
+        span: positions of frames that are searched longer.
+    """
+    reach = max(1, round(REACH * result.rate))
+    anchors = [] if pins is None else sorted(set(pins.frame.tolist()))
+    spans = [] if span is None else [span]
+    # Pins that lie near each other belong to one span.
+    for group in np.split(np.array(anchors, int), np.flatnonzero(np.diff(anchors) > 2 * reach) + 1):
+        if len(group):
+            spans.append(range(max(0, group[0] - reach), min(len(result.frame_numbers), group[-1] + reach + 1)))
+    for each in spans:
+        result = _with_span(scene, result, config, pins, each)
+    return result
+
+
+def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins | None, span: range) -> Result:
+    """The result with one span of frames by their positions solved anew, as far as they change."""
+    # The span and the frames around it are a result of their own.
+    context = max(3, round(_CONTEXT * result.rate))
+    first, last = max(0, span.start - context), min(len(result.frame_numbers), span.stop + context)
+    whole = list(range(first, last))
+    part, seen = result.at(whole), _observations(scene, result, whole)
+    own = range(span.start - first, span.stop - first)
+    within = None if pins is None else pins.moved(first)
+    at = [] if within is None else [frame for frame in sorted(set(within.frame.tolist())) if frame in own]
+
+    # Follow the frames from the anchors.
+    search = _SpanSearch(part, config, seen, within)
+    pose, changed = part.pose.copy(), np.zeros(len(whole), bool)
+    for run in range(len(pose)):
+        pose[run], moved = search.solved(part.pose[run], own, at)
+        changed |= moved
+    if not changed.any():
+        return result
+
+    # Smooth what changed, and judge it as any track.
+    free = np.zeros(len(whole), bool)
+    ends = np.flatnonzero(changed)[[0, -1]]
+    margin = round(_MARGIN * result.rate)
+    free[max(own.start, ends[0] - margin) : min(own.stop, ends[1] + 1 + margin)] = True
+    repeated = part.status == STATUS.index("repeated")
+    status = np.where(free & ~repeated, STATUS.index("tracked"), part.status).astype(np.int8)
+    raw = replace(part, pose=pose, status=status)
+    done = smoothed(raw, config, seen, mending=Mending(~free, within))
+    if result.view_shift is not None:
+        done = with_evidence(done, config, seen)
+    usual = np.nanmean(result.iou, axis=2)
+    low = np.nanmean(done.iou, axis=2) < np.nanmedian(usual, axis=1, keepdims=True) - _LOST_OVERLAP
+    done = replace(done, status=np.where(low & ~repeated, STATUS.index("lost"), done.status).astype(np.int8))
+
+    # All other frames keep their bits.
+    arrays = {name: array.copy() for name, array in result.arrays.items()}
+    for name, array in arrays.items():
+        if name != "evaluations":
+            array[:, first:last][:, free] = getattr(done, name)[:, free]
+    numbers = part.frame_numbers[free]
+    note: dict[str, list[Any]] = {"frames": [int(numbers[0]), int(numbers[-1])]}
+    note |= {} if pins is None else {"pins": [each for each in pins.listed if each["frame"] in numbers]}
+    history = [*result.config.get("mended", []), note]
+    return replace(result, config=result.config | {"mended": history}, **arrays)
+
+
+def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> list[Observation]:
+    """The masks of some frames as the track saw them: without the views that were frozen."""
+    frozen = result.config.get("frozen_views", {})
+    numbers, names = result.frame_numbers[list(positions)].tolist(), result.cameras.names
+    part = scene.of_frames(range(numbers[0], numbers[-1] + 1, numbers[1] - numbers[0]))
+    seen = part.observed(tracked_masks(scene, result, positions))
+    left_out = [np.array([number in frozen.get(name, ()) for name in names]) for number in numbers]
+    return [each.without(views) for each, views in zip(seen, left_out, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """Poses found along frames, and in which frames (frame,) bool there are some."""
+
+    rooted: RootedPoses
+    there: np.ndarray
+
+
+class _SpanSearch:
+    """Finds poses of a span's frames, whose masks are all held.
+
+    Args:
+        part: the span with frames around it.
+        config: settings.
+        observations: of all its frames.
+        pins: joints that were clicked in them.
+    """
+
+    def __init__(
+        self, part: Result, config: TrackConfig, observations: Sequence[Observation], pins: Pins | None
+    ) -> None:
+        subject = part.subject
+        skeleton, searched = subject.body.skeleton, subject.body.skeleton.searched(config.dof)
+        limits = search_limits(subject, config)
+        self._rate, self._size, self._pins = part.rate, subject.body.relative_size, pins
+        self._rooting = Rooting(skeleton, subject.root_base, searched, limits)
+        self._points = MotionPoints(skeleton, subject.body.joint_rest, searched)
+        self._starts, self._trust = RecoveryStarts(subject, part.cameras, config), Trust(self._rooting.is_length)
+        self._fitter = make_fitter(subject, part.cameras, config, SCATTERED_POSES + 1, frames=len(observations))
+        self._fitter.observe_all(observations)
+        self._objective = make_objective(subject, part.cameras, config, SCATTERED_POSES + 1)
+        self._seen = observations
+        self._known = self._rooting.none
+
+    def solved(self, pose: np.ndarray, own: range, anchors: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (frame, coordinate) with those of the frames that are ``own`` solved anew, and which (frame,) changed.
+
+        ``anchors`` are the frames with pins; without any, frames here and there are.
+        """
+        known = self._known = self._rooting.refold(self._rooting.enter(pose))
+        pinned = bool(anchors)
+        if not anchors:
+            anchors = list(own)[:: max(1, round(_SEARCH_INTERVAL * self._rate))]
+        at_anchors = {f: self._anchor(f, pose[f], pinned) for f in anchors}
+
+        # Follow the frames from each anchor in both directions, up to the next one.
+        answers = [known, known, known]
+        there = np.zeros((3, len(pose)), bool)
+        there[0] = True
+        for number, step in ((1, 1), (2, -1)):
+            way = _Way(known, np.zeros(len(pose), bool))
+            for f in anchors:
+                beyond = [abs(g - f) for g in anchors if (g - f) * step > 0]
+                stop = f + step * min(beyond) if beyond else (own.stop if step > 0 else own.start - 1)
+                way = self._followed(way, f, at_anchors[f], range(f + step, stop, step))
+            answers[number], there[number] = way.rooted, way.there
+
+        # Each frame takes the answer with which all frames together cost least.
+        frames = np.arange(len(pose))
+        costs = np.stack([self._costs(frames, poses) for poses in answers])
+        scale = costs[0, :, 0].sum() / max(costs[0, :, 1].sum(), 1e-6)
+        cost = costs[..., 0] + scale * costs[..., 1]
+        if pinned:  # what was known is not asked from the first click to the last
+            there[0, anchors[0] : anchors[-1] + 1] = False
+        cost[~there] += _FORBIDDEN
+        scale = self._rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
+        place = np.stack([scale * self._points.at(poses).reshape(len(pose), -1) for poses in answers])
+        chosen = least_costly(cost, place)
+        for number in (1, 2):
+            known = answers[number].where(chosen == number, known)
+        least = (_CHANGED if pinned else _ANOTHER_PLACE) * self._size
+        changed = (chosen > 0) & (self._apart(known, self._known) > least)
+        left = self._rooting.leave(known, pose[0, 3:6])
+        return np.where(changed[:, None], left, pose), changed
+
+    def _anchor(self, frame: int, pose: np.ndarray, pinned: bool) -> RootedPoses:
+        """The best pose (1,) of a frame from many starts."""
+        counter = np.array([frame])
+        starts = np.concatenate([pose[None], self._starts.scattered(pose[None].astype(np.float32), counter)[0]])
+        rooted = self._rooting.refold(self._rooting.enter(starts))
+        at = np.full(len(rooted), frame)
+        if pinned:
+            rooted = self._descended(at, rooted, _PIN_STEPS, contours=False)
+        rooted = self._descended(at, rooted, _STEPS)
+        cost = self._costs(at, rooted)
+        # Contours and areas of the first pose weigh the same; pins count as they are.
+        total = cost[:, 0] + cost[:, 1] * cost[0, 0] / max(cost[0, 1], 1e-6)
+        best = int(np.argmin(total))
+        return rooted[best : best + 1]
+
+    def _descended(self, frames: np.ndarray, rooted: RootedPoses, steps: int, contours: bool = True) -> RootedPoses:
+        """Poses of frames after damped steps towards pins, and towards contours, or else near to where they were."""
+
+        def linearised(poses: RootedPoses) -> NormalEquations:
+            said = self._said(frames, poses)
+            if contours:
+                neighbours = Neighbours.of(self._known, frames, self._rate)
+                return self._fitter.linearise(frames, poses, neighbours).plus(said)
+            return said.plus(self._prior(poses, rooted))
+
+        damping, equations, poses = np.ones(len(rooted)), linearised(rooted), rooted
+        for _ in range(steps):
+            matrix = equations.matrix + self._trust.matrix(equations, damping)
+            matrix += 1e-9 * np.eye(matrix.shape[1])
+            step = np.linalg.solve(matrix, equations.gradient[..., None])[..., 0]
+            moved = self._rooting.stepped(poses, np.clip(step, -LARGEST_STEP, LARGEST_STEP))
+            there = linearised(moved)
+            taken = there.cost <= equations.cost
+            poses, equations = moved.where(taken, poses), there.where(taken, equations)
+            damping = np.where(taken, np.maximum(damping / RAISE, 1.0), damping * RAISE)
+        return poses
+
+    def _prior(self, poses: RootedPoses, around: RootedPoses) -> NormalEquations:
+        """That poses are about as they were; the root may turn freely."""
+        searched, count = self._rooting.searched, len(poses)
+        off = (poses.pose - around.pose)[:, searched] / _PRIOR**2
+        matrix = np.tile(np.eye(len(searched)) / _PRIOR**2, (count, 1, 1))
+        return NormalEquations(matrix, -off, 0.5 * _PRIOR**2 * (off**2).sum(axis=1))
+
+    def _said(self, frames: np.ndarray, poses: RootedPoses) -> NormalEquations:
+        """What the pins say; nothing where there are none."""
+        if self._pins is None:
+            dof = len(self._rooting.searched)
+            return NormalEquations(*(np.zeros((len(frames), *shape)) for shape in ((dof, dof), (dof,), ())))
+        return self._pins.of(frames, poses, self._points)
+
+    def _followed(self, way: _Way, anchor: int, pose: RootedPoses, frames: range) -> _Way:
+        """The way with poses from an anchor's through further frames, until they are the known ones again."""
+        rooted, there = way.rooted.with_frames(np.array([anchor]), pose), way.there.copy()
+        there[anchor] = True
+        last = before = self._rooting.leave(pose, np.zeros(3))[0]
+        agreeing = 0
+        for f in frames[: round(REACH * self._rate)]:
+            if not self._seen[f].foreground.any():
+                break
+            starts = self._rooting.enter(np.stack([last, last + _MOTION_KEPT * (last - before)]))
+            starts = self._rooting.stepped(starts, np.zeros(len(self._rooting.searched)))  # within the limits
+            at = np.full(2, f)
+            fitter = self._fitter
+            if fitter.late:
+                fitter.move(starts, Neighbours.of(self._known, at, self._rate))
+            fitter.start_at(starts.pose, starts.base, at)
+            fitter.descend(2, _WAY_STEPS)
+            cost = fitter.descent.tally.numpy()[:2, :, 0].sum(axis=1)
+            best = int(np.argmin(cost))
+            found = RootedPoses(starts.base, fitter.descent.best.numpy()[:2].astype(float))[best : best + 1]
+            before, last = last, self._rooting.leave(found, last[3:6])[0]
+            rooted, there[f] = rooted.with_frames(np.array([f]), self._rooting.refold(found)), True
+            near = self._apart(rooted[f : f + 1], self._known[f : f + 1])[0] < _AGREES * self._size
+            agreeing = agreeing + 1 if near else 0
+            if agreeing == _AGREEING:
+                break
+        return _Way(rooted, there)
+
+    def _apart(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
+        """(frame,) how far the joint is that moved most [m]."""
+        apart = (self._points.at(one) - self._points.at(other))[:, ::POINTS_A_JOINT]
+        farthest: np.ndarray = np.linalg.norm(apart, axis=2).max(axis=1)
+        return farthest
+
+    def _costs(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
+        """(pose, 2) what contours and pins, and what areas cost."""
+        neighbours = Neighbours.of(self._known, frames, self._rate)
+        contours = self._fitter.linearise(frames, rooted, neighbours).cost + self._said(frames, rooted).cost
+        poses, areas = self._rooting.leave(rooted, np.zeros(3)), np.zeros(len(frames))
+        for same in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(frames)) + 1):
+            self._objective.observe(self._seen[frames[same[0]]])
+            areas[same] = self._objective.costs(poses[same])
+        return np.stack([contours, np.nan_to_num(areas)], axis=1)

@@ -1,0 +1,136 @@
+"""Places of joints that a person clicked in images: read, checked, and what they say about poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.cameras.rig import CameraRig, through_lens, to_pixels
+from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.result.result import Result
+
+SIGMA = 0.01
+"""Standard deviation of a click, as a length at a body as large as a person [m]."""
+MAX_DISAGREEMENT = 0.06
+"""How far beside the place that all views agree on a click may lie, at a body as large as a person [m]."""
+_LENS_STEPS = 50  # of undoing a lens; each divides the error by ten in usual ones
+
+
+@dataclass(frozen=True, eq=False)
+class Pins:
+    """Rays that joints lie on.
+
+    Attributes:
+        frame: (ray,) positions of the frames in the result.
+        joint: (ray,) the joints' numbers.
+        across: (ray, 2, 3) and
+        beside: (ray, 2): ``across @ place + beside`` is by how much a place lies beside the ray [m].
+        sigma: standard deviation of that [m].
+        listed: the pins as they were given, to be recorded.
+    """
+
+    frame: np.ndarray
+    joint: np.ndarray
+    across: np.ndarray
+    beside: np.ndarray
+    sigma: float
+    listed: list[dict[str, Any]]
+
+    def of(self, frames: np.ndarray, rooted: RootedPoses, points: MotionPoints) -> NormalEquations:
+        """What the pins say about frames by their positions, around poses; nothing where none are."""
+        place, derivative = points.linearised(rooted)
+        place, derivative = place[:, ::POINTS_A_JOINT], derivative[:, ::POINTS_A_JOINT]
+        dof = derivative.shape[-1]
+        equations = NormalEquations(*(np.zeros((len(frames), *shape)) for shape in ((dof, dof), (dof,), ())))
+        for row, frame in enumerate(frames.tolist()):
+            rays = np.flatnonzero(self.frame == frame)
+            if not len(rays):
+                continue
+            joints = self.joint[rays]
+            error = np.einsum("rij,rj->ri", self.across[rays], place[row, joints]) + self.beside[rays]
+            slope = (self.across[rays] @ derivative[row, joints] / self.sigma).reshape(-1, dof)
+            error = error.reshape(-1) / self.sigma
+            equations.matrix[row], equations.gradient[row] = slope.T @ slope, -slope.T @ error
+            equations.cost[row] = 0.5 * error @ error
+        return equations
+
+    def moved(self, frames: int) -> Pins:
+        """The same for a part of the result that begins so many ``frames`` later."""
+        return Pins(self.frame - frames, self.joint, self.across, self.beside, self.sigma, self.listed)
+
+
+def read_pins(pins: str | Path | list[dict[str, Any]], result: Result, recorded: CameraRig) -> Pins:
+    """Pins from a file, or from a list of its tables.
+
+    Args:
+        pins: the file, or dictionaries such as ``{"frame": 155, "joint": "LWrist", "cam1": [x, y], ...}``.
+        result: whose frames, joints and cameras they name.
+        recorded: the cameras with their lenses, at full size, in whose images the pixels are.
+
+    Raises:
+        InputError: what is not known, outside an image, in one view only, or contradicts another view.
+    """
+    source = str(pins) if isinstance(pins, str | Path) else "pins"
+    tables = load_toml(pins).take_rest() if isinstance(pins, str | Path) else {"pin": pins}
+    listed = tables.pop("pin", None)
+    if tables or not isinstance(listed, list) or not listed or not all(isinstance(each, dict) for each in listed):
+        remedy = 'write [[pin]], then frame = 155, joint = "LWrist", and a pixel [x, y] of two cameras or more'
+        raise InputError(source, "holds no list of pins, or something beside it", remedy)
+    rays = [ray for i, each in enumerate(listed, 1) for ray in _rays(Table(each, source, f"pin {i}"), result, recorded)]
+    frame, joint, across, beside = (np.array(column) for column in zip(*rays, strict=True))
+    return Pins(frame, joint, across, beside, SIGMA * result.subject.body.relative_size, listed)
+
+
+def _rays(table: Table, result: Result, recorded: CameraRig) -> list[tuple[int, int, np.ndarray, np.ndarray]]:
+    """A pin's rays: position of the frame, number of the joint, and the two equations of each ray."""
+    # Which joint, and when.
+    joints, numbers = result.subject.body.skeleton.joints, result.frame_numbers
+    number, name = table.take("frame", int), table.take("joint", str)
+    if number not in numbers:
+        remedy = f"give one of the result's frames, {numbers[0]} to {numbers[-1]}"
+        raise table.error(f"frame = {number} is not in the result", remedy)
+    if name not in joints:
+        raise table.error(f"joint = {name!r} is not known", f"give one of {', '.join(joints)}")
+
+    # Its pixels.
+    known = {camera: table.take_numbers(camera, (2,)) for camera in recorded.names if table.has(camera)}
+    for other in table.take_rest():
+        raise table.error(f"'{other}' is no camera", f"give pixels of {', '.join(recorded.names)}")
+    if len(known) < 2:
+        raise table.error(f"has a pixel in {len(known)} camera", "click the joint in two cameras or more")
+    rig, across, beside = result.cameras, [], []
+    for camera, pixel in known.items():
+        k = recorded.names.index(camera)
+        width, height = recorded.size[k]
+        if not (-0.5 <= pixel[0] <= width - 0.5 and -0.5 <= pixel[1] <= height - 0.5):
+            raise table.error(f"{camera} = {pixel} is outside the image", f"its pixels go to {width - 1}, {height - 1}")
+        x, y = _without_lens(recorded, k, np.array(pixel))
+        R, t = rig.R[rig.names.index(camera)], rig.t[rig.names.index(camera)]
+        across.append(R[:2] - np.outer((x, y), R[2]))
+        beside.append(t[:2] - np.array((x, y)) * t[2])
+
+    # The views must agree about a place in front of them.
+    place = np.linalg.lstsq(np.concatenate(across), -np.concatenate(beside), rcond=None)[0]
+    off = [float(np.linalg.norm(a @ place + b)) for a, b in zip(across, beside, strict=True)]
+    limit = MAX_DISAGREEMENT * result.subject.body.relative_size
+    if max(off) > limit:
+        worst = list(known)[int(np.argmax(off))]
+        problem = f"{name} in frame {number}: the pixels of {', '.join(known)} contradict each other by "
+        raise table.error(f"{problem}{1000 * max(off):.0f} mm, most in {worst}", "click that joint again there")
+    frame, joint = int(np.flatnonzero(numbers == number)[0]), joints.index(name)
+    return [(frame, joint, a, b) for a, b in zip(across, beside, strict=True)]
+
+
+def _without_lens(rig: CameraRig, k: int, pixel: np.ndarray) -> np.ndarray:
+    """Where a pixel (2,) of camera ``k`` lies on the ideal image plane at focal length 1."""
+    focal, plane = rig.K[k, [0, 1], [0, 1]], np.zeros(2)
+    for _ in range(_LENS_STEPS):
+        plane = plane + (pixel - to_pixels(rig, k, through_lens(rig, k, plane))) / focal
+    return plane

@@ -20,8 +20,7 @@ from mmocap_warp.cameras.rig import Camera, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import refuse_huge
 from mmocap_warp.formats.datasets import dataset_scene
-from mmocap_warp.formats.datasets.dataset_scene import REMEDY, CameraFiles, DatasetScene
-from mmocap_warp.formats.humaneva.humaneva_files import read_numbers
+from mmocap_warp.formats.datasets.dataset_scene import REMEDY, CameraFiles, DatasetScene, read_numbers
 from mmocap_warp.formats.motion.captured_points import read_c3d
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.whole_file import file_name

@@ -33,6 +33,18 @@ source = "recording"
 """The text of a [foreground] table, for a copy without masks."""
 
 
+def read_numbers(path: str | Path) -> np.ndarray:
+    """(n,) float64, all numbers of the file."""
+    text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
+    try:
+        numbers = np.array([float(word) for word in text.split()])
+    except ValueError as error:
+        raise InputError(path, str(error), REMEDY) from None
+    if not np.isfinite(numbers).all():
+        raise InputError(path, "holds a number that is not finite", REMEDY)
+    return numbers
+
+
 @dataclass(frozen=True)
 class CameraFiles:
     """The files of one camera; frame ``f`` of the scene is image ``f + frame_offset`` of its video."""

@@ -13,21 +13,8 @@ import numpy as np
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of, refuse_huge
+from mmocap_warp.formats.datasets.dataset_scene import REMEDY, read_numbers
 from mmocap_warp.whole_file import read_text
-
-REMEDY = "copy it again from the data set"
-
-
-def read_numbers(path: str | Path) -> np.ndarray:
-    """(n,) float64, all numbers of the file."""
-    text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
-    try:
-        numbers = np.array([float(word) for word in text.split()])
-    except ValueError as error:
-        raise InputError(path, str(error), REMEDY) from None
-    if not np.isfinite(numbers).all():
-        raise InputError(path, "holds a number that is not finite", REMEDY)
-    return numbers
 
 
 def read_measures(path: str | Path) -> dict[str, float]:

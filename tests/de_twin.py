@@ -2,56 +2,21 @@
 
 from __future__ import annotations
 
+import minimising
 import numpy as np
-import warp as wp
-from minimising import keep_best
-from poisoned import SENTINEL
 
-from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.optimizers.de import De, DeConfig
 
 TWIN = 1e-5  # absolute, of coordinates about 1
 UNIT = 2.0**-24  # most that single precision rounds off, as a share of the value
 
 
-class Search:
-    """A search on a host-side function; columns of a wider pose vector are searched."""
+class Search(minimising.Search):
+    """A search by differential evolution, with the settings of its configuration by name."""
 
-    def __init__(self, dofs, seeds, device, scale=None, start=None, **settings):
-        runs = len(seeds)
+    def __init__(self, dofs, seeds, device, scale=0.5, start=0.0, **settings):
         self.config = DeConfig(**settings)
-        self.scale = np.full(dofs, 0.5) if scale is None else np.asarray(scale, float)
-        self.index = 2 * np.arange(dofs)[::-1]  # every other coordinate, from the last
-        self.seed = wp.array(seeds, dtype=wp.int32, device=device)
-        self.counter = wp.zeros(runs, dtype=wp.int32, device=device)
-        self.optimizer = De(make_space(self.index, self.scale, self.seed, self.counter), 1000, self.config)
-        self._poison()
-        self.start = np.zeros((runs, dofs), np.float32) if start is None else np.asarray(start, np.float32)
-        pose = np.full((runs, 2 * dofs), np.nan, np.float32)
-        pose[:, self.index] = self.start
-        self.optimizer.start(wp.array(pose, device=device))
-        self.best, self.best_cost = self.start.copy(), np.full(runs, np.inf)  # what users get
-
-    def _poison(self):
-        """Nothing is used before it is written."""
-        for array in vars(self.optimizer.state).values():
-            if isinstance(array, wp.array):
-                array.assign(np.full(array.numpy().shape, np.nan if array.dtype is wp.float32 else SENTINEL))
-
-    def ask(self, particles=None):
-        """(run, particle, dof)."""
-        return self.optimizer.ask(particles or self.optimizer.particles).numpy().astype(float)
-
-    def tell(self, cost):
-        self.optimizer.tell(wp.array(np.ravel(cost), dtype=wp.float32, device=self.seed.device))
-
-    def generation(self, function):
-        """One generation; returns its candidates and costs."""
-        x = self.ask()
-        cost = function(x).astype(np.float32)
-        self.tell(cost)
-        keep_best(x, cost, self.best, self.best_cost)
-        return x, cost
+        super().__init__(De, dofs, seeds, device, 1000, scale, start, self.config)
 
     def state(self):
         """Everything that the next generation depends on."""

@@ -8,6 +8,10 @@ from typing import Any
 from mmocap_warp.cli.command import ANY_NUMBER, BY_FLAG, BY_PLACE, Answer, Given, command
 from mmocap_warp.cli.console import next_step, table
 
+_COLUMNS = (
+    "camera", "lens frames", "place frames", "covered", "residual [px]", "focal [px]", "+-", "x [m]", "y [m]", "z [m]",
+)  # fmt: skip
+
 
 @command(
     "boards:calibrate_board",
@@ -19,20 +23,7 @@ from mmocap_warp.cli.console import next_step, table
 def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | None) -> Answer:
     found = call()
     rig = found.rig
-    rows: list[tuple[str, ...]] = [
-        (
-            "camera",
-            "lens frames",
-            "place frames",
-            "covered",
-            "residual [px]",
-            "focal [px]",
-            "+-",
-            "x [m]",
-            "y [m]",
-            "z [m]",
-        )
-    ]
+    rows: list[tuple[str, ...]] = [_COLUMNS]
     cameras = []
     for k, name in enumerate(rig.names):
         centre = rig.centres[k]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.contour.clip.backward_pass import least_costly
+from mmocap_warp.contour.clip.backward_pass import STARTS, least_costly, next_starts, places_by_acceleration
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, Trust
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
@@ -38,10 +38,8 @@ _CHANGED = 0.005  # a frame near clicks changed if a joint moved farther [m]
 _ANOTHER_PLACE = 0.04  # a longer search found another answer if a joint is this far away [m]
 _SEARCH_INTERVAL = 0.25  # seconds between the anchors where nothing is clicked
 _AGREES, _AGREEING = 0.02, 3  # joints this near to the known ones [m], in so many frames in a row, end a way
-_MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
 _PIN_STEPS, _STEPS, _WAY_STEPS = 30, 10, 5  # descent steps: to clicks alone, to clicks and contours, along a way
 _PRIOR = 0.5  # standard deviation of a pose around the known one while it is fitted to clicks alone [m, rad]
-_ACCELERATION = 36.0  # standard deviation of a joint's acceleration [m/s^2] that a change between answers is judged by
 _LOST_OVERLAP = 0.06  # overlap below the usual at which a frame is lost
 _FORBIDDEN = 1e9  # cost of an answer that is none
 
@@ -190,8 +188,7 @@ class _SpanSearch:
         if pinned:  # what was known is not asked from the first click to the last
             there[0, anchors[0] : anchors[-1] + 1] = False
         cost[~there] += _FORBIDDEN
-        scale = self._rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
-        place = np.stack([scale * self._points.at(poses).reshape(len(pose), -1) for poses in answers])
+        place = np.stack([places_by_acceleration(self._points, poses, self._rate) for poses in answers])
         chosen = least_costly(cost, place)
         for number in (1, 2):
             known = answers[number].where(chosen == number, known)
@@ -260,17 +257,10 @@ class _SpanSearch:
         for f in frames[: round(REACH * self._rate)]:
             if not self._seen[f].foreground.any():
                 break
-            starts = self._rooting.enter(np.stack([last, last + _MOTION_KEPT * (last - before)]))
-            starts = self._rooting.stepped(starts, np.zeros(len(self._rooting.searched)))  # within the limits
-            at = np.full(2, f)
-            fitter = self._fitter
-            if fitter.late:
-                fitter.move(starts, Neighbours.of(self._known, at, self._rate))
-            fitter.start_at(starts.pose, starts.base, at)
-            fitter.descend(2, _WAY_STEPS)
-            cost = fitter.descent.tally.numpy()[:2, :, 0].sum(axis=1)
+            starts, at = next_starts(self._rooting, last, before), np.full(STARTS, f)
+            fitted, cost = self._fitter.descended(at, starts, Neighbours.of(self._known, at, self._rate), _WAY_STEPS)
             best = int(np.argmin(cost))
-            found = RootedPoses(starts.base, fitter.descent.best.numpy()[:2].astype(float))[best : best + 1]
+            found = fitted[best : best + 1]
             before, last = last, self._rooting.leave(found, last[3:6])[0]
             rooted, there[f] = rooted.with_frames(np.array([f]), self._rooting.refold(found)), True
             near = self._apart(rooted[f : f + 1], self._known[f : f + 1])[0] < _AGREES * self._size

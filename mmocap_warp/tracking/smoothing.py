@@ -187,17 +187,7 @@ class _MaskWindow:
         self, frames: np.ndarray, starts: RootedPoses, neighbours: Neighbours
     ) -> tuple[RootedPoses, np.ndarray]:
         """Poses that the contours of frames of the window lead to from some, and what they cost (pose,)."""
-        fitter, pose, cost = self._fitter, starts.pose.copy(), np.zeros(len(starts))
-        for first in range(0, len(starts), fitter.candidates):
-            part = slice(first, min(first + fitter.candidates, len(starts)))
-            count = part.stop - part.start
-            if fitter.late:
-                fitter.move(starts[part], neighbours[part])
-            fitter.start_at(starts.pose[part], starts.base[part], frames[part] % self._places)
-            fitter.descend(count, _STEPS)
-            pose[part] = fitter.descent.best.numpy()[:count]
-            cost[part] = 0.5 * fitter.descent.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
-        return RootedPoses(starts.base, pose), cost
+        return self._fitter.descended(frames % self._places, starts, neighbours, _STEPS)
 
     def pairs_from_rest(self, frame: int, there: RootedPoses) -> RootedPoses:
         """Poses (pair,) that the contours lead to from one (1,) with each pair of limbs at rest."""

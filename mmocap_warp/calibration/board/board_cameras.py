@@ -126,19 +126,12 @@ def calibrate_from_board(
     chosen = _common_frames(names, detections)
     seen = np.array([each.seen[chosen] for each in detections])
     pixels = np.array([each.pixels[chosen] for each in detections])
-    R, t, turns, shifts = _solve_places(pixels, seen, board, K, distortion)
+    R, t, missed = _solve_places(pixels, seen, board, K, distortion)
     points, residuals = [], []
-    for k in range(len(names)):
-        seen_pixels, missed = [], []
-        for frame in np.flatnonzero(seen[k]):
-            in_view = np.isfinite(pixels[k, frame, :, 0])
-            # From the board to the first camera, and on to this one.
-            turn, shift = R[k] @ turns[frame], R[k] @ shifts[frame] + t[k]
-            expected, _ = cv2.projectPoints(board.corners[in_view], cv2.Rodrigues(turn)[0], shift, K[k], distortion[k])
-            seen_pixels.append(pixels[k, frame, in_view])
-            missed.append(seen_pixels[-1] - expected[:, 0])
-        points.append(np.concatenate(seen_pixels))
-        residuals.append(np.concatenate(missed))
+    for in_view, view_missed in zip((pixels[k, seen[k]] for k in range(len(names))), missed, strict=True):
+        known_corners = np.isfinite(in_view[..., 0])
+        points.append(in_view[known_corners])
+        residuals.append(view_missed[known_corners])
     rms = np.array([np.sqrt((each**2).sum(axis=1).mean()) for each in residuals])
     _check_residuals(names, sizes, rms)
     return BoardCalibration(
@@ -242,10 +235,11 @@ def _common_frames(names: Sequence[str], detections: Sequence[Detections]) -> np
 
 def _solve_places(
     pixels: np.ndarray, seen: np.ndarray, board: Board, K: np.ndarray, distortion: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """With the lenses held: from the first camera's axes to each camera's, and from the board's to the first's.
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """With the lenses held: R and t of each camera from the first, and how far each misses its corners [px].
 
-    All places are adjusted together, so that all corners are as near as can be to where they are seen.
+    These are (frame, corner, 2) for the frames in which a camera sees the board. All places are adjusted together, so
+    that all corners are as near as can be to where they are seen.
     """
     from scipy.optimize import least_squares
     from scipy.sparse import coo_matrix
@@ -255,7 +249,7 @@ def _solve_places(
     first_cameras, first_boards = _first_places(pixels, seen, board, K, distortion)
     free = 6 * (len(K) - 1)
 
-    def differences(x: np.ndarray) -> np.ndarray:
+    def missed(x: np.ndarray) -> list[np.ndarray]:
         to_camera = _matrices(np.concatenate([first_cameras[:1], x[:free].reshape(-1, 6)]))[cameras]
         there = to_camera @ _matrices(x[free:].reshape(-1, 6))[frames]
         points = board.corners @ np.swapaxes(there[:, :3, :3], 1, 2) + there[:, None, :3, 3]
@@ -263,8 +257,11 @@ def _solve_places(
         for k in range(len(K)):
             corners = points[cameras == k].reshape(-1, 3)
             image, _ = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), K[k], distortion[k])
-            off.append(image.reshape(-1, len(board.corners), 2) - pixels[k, seen[k]])
-        flat: np.ndarray = np.concatenate(off)[known].ravel()
+            off.append(pixels[k, seen[k]] - image.reshape(-1, len(board.corners), 2))
+        return off
+
+    def differences(x: np.ndarray) -> np.ndarray:
+        flat: np.ndarray = np.concatenate(missed(x))[known].ravel()
         return flat
 
     # A difference depends on its camera, unless that is the first one, and on its board.
@@ -276,8 +273,8 @@ def _solve_places(
     start = np.concatenate([first_cameras[1:].ravel(), first_boards.ravel()])
     depends = coo_matrix((np.ones(len(row)), (row, column)), (len(view), len(start)))
     x = least_squares(differences, start, jac_sparsity=depends, x_scale="jac", loss="soft_l1", max_nfev=_MAX_STEPS).x
-    placed, boards = (_matrices(each.reshape(-1, 6)) for each in (np.append(first_cameras[0], x[:free]), x[free:]))
-    return placed[:, :3, :3], placed[:, :3, 3], boards[:, :3, :3], boards[:, :3, 3]
+    placed = _matrices(np.append(first_cameras[0], x[:free]).reshape(-1, 6))
+    return placed[:, :3, :3], placed[:, :3, 3], missed(x)
 
 
 def _first_places(

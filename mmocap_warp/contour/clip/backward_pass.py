@@ -128,9 +128,8 @@ class BackwardPass:
         costs[:, len(held) + np.flatnonzero(different)] += self._area_costs(frames, answers, different, cost)
         if self.uncovered:
             self._add_uncovered(self.uncovered, frames, answers, np.flatnonzero(different), costs[:, len(held) :])
-        scale = self.rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
         courses = (held.followed_by(poses.interpolated(seen)) for poses in answers)
-        place = np.stack([scale * self.points.at(poses).reshape(len(poses), -1) for poses in courses])
+        place = np.stack([places_by_acceleration(self.points, poses, self.rate) for poses in courses])
         chosen = least_costly(costs, place)[len(held) :] * different
 
         # A stretch that gains too little keeps what was known.
@@ -231,9 +230,7 @@ class BackwardPass:
         It stays as it is where the fit costs ``most`` or more.
         """
         rooting = self.rooting
-        starts = rooting.enter(np.stack([last, last + _MOTION_KEPT * (last - before)]))
-        starts = rooting.stepped(starts, np.zeros(len(rooting.searched)))  # within the limits
-        fitted, cost = self.descend(np.full(STARTS, frame), starts)
+        fitted, cost = self.descend(np.full(STARTS, frame), next_starts(rooting, last, before))
         best = int(np.argmin(cost))
         return way.with_frames(np.array([f]), fitted[best : best + 1]) if cost[best] < most else way
 
@@ -284,6 +281,19 @@ class BackwardPass:
         cost[~self._differ(fitted, there)] = np.inf
         best = int(np.argmin(cost))
         return fitted[best : best + 1] if cost[best] < limit else None
+
+
+def next_starts(rooting: Rooting, last: np.ndarray, before: np.ndarray) -> RootedPoses:
+    """Where a frame is fitted from: the pose (coordinate,) of the frame beside it, and where the motion leads."""
+    starts = rooting.enter(np.stack([last, last + _MOTION_KEPT * (last - before)]))
+    return rooting.stepped(starts, np.zeros(len(rooting.searched)))  # within the limits
+
+
+def places_by_acceleration(points: MotionPoints, poses: RootedPoses, rate: float) -> np.ndarray:
+    """Where joints are in frames (frame, value), scaled so that their second differences have unit variance."""
+    scale = rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
+    places: np.ndarray = scale * points.at(poses).reshape(len(poses), -1)
+    return places
 
 
 def least_costly(cost: np.ndarray, place: np.ndarray) -> np.ndarray:

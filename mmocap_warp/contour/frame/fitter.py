@@ -273,6 +273,22 @@ class ContourFitter:
         value = self.fields.struct.value  # a graph holds its address, which changes when more room is made
         self._replays.run((count, steps, value.ptr, self.follows), lambda: self._run(count, steps))
 
+    def descended(
+        self, place: np.ndarray, starts: RootedPoses, neighbours: Neighbours, steps: int
+    ) -> tuple[RootedPoses, np.ndarray]:
+        """Poses that the contours of the frames in places (pose,) lead to from some, and what they cost (pose,)."""
+        pose, cost = starts.pose.copy(), np.zeros(len(starts))
+        for first in range(0, len(starts), self.candidates):
+            part = slice(first, min(first + self.candidates, len(starts)))
+            count = part.stop - part.start
+            if self.late:
+                self.move(starts[part], neighbours[part])
+            self.start_at(starts.pose[part], starts.base[part], place[part])
+            self.descend(count, steps)
+            pose[part] = self.descent.best.numpy()[:count]
+            cost[part] = 0.5 * self.descent.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
+        return RootedPoses(starts.base, pose), cost
+
     def _run(self, count: int, steps: int) -> None:
         descent = self.descent
         wp.copy(descent.start, descent.pose)

@@ -77,6 +77,8 @@ def _read_lenses(path: Path) -> dict[str, Camera]:
 
 def _read_poses(path: Path) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
     """By image: its camera's number, rotation and translation."""
+    from scipy.spatial.transform import Rotation
+
     poses = {}
     lines = iter(_lines(path, points=True))
     for line in lines:
@@ -93,7 +95,7 @@ def _read_poses(path: Path) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
         image = fields[9].strip()
         if image in poses:
             raise InputError(where, f"'{image}' is there twice", _REMEDY)
-        poses[image] = (fields[8], _rotation(pose[:4] / length), pose[4:])
+        poses[image] = (fields[8], Rotation.from_quat(np.roll(pose[:4], -1)).as_matrix(), pose[4:])
     return poses
 
 
@@ -130,35 +132,14 @@ def _camera_names(images: list[str], source: Path) -> list[str]:
     return names
 
 
-def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    """(3, 3), of a unit quaternion w x y z."""
-    w, *xyz = quaternion
-    x, y, z = xyz
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
-
-
-def _quaternion(R: np.ndarray) -> np.ndarray:
-    """w x y z of a rotation; the largest of the four is found first, so that nothing is divided by a small one."""
-    squares = np.array([1 + np.trace(R), *(1 + 2 * np.diag(R) - np.trace(R))])  # four times those of w x y z
-    first = int(squares.argmax())
-    w, x, y, z = 0.5 * np.sqrt(squares.max()) * np.eye(4)[first]
-    divisor = 4 * max(w, x, y, z)
-    odd = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / divisor
-    even = (R + R.T) / divisor
-    if first == 0:
-        return np.array([w, *odd])
-    vector = even[first - 1]
-    vector[first - 1] = max(x, y, z)
-    return np.array([odd[first - 1], *vector])
-
-
 def write_colmap(path: str | Path, rig: CameraRig) -> None:
     """Write ``cameras.txt`` at ``path``, with ``images.txt`` and an empty ``points3D.txt`` beside it, in metres.
 
     Raises:
         InputError: a camera's name that cannot be a file's, or files that cannot be written.
     """
+    from scipy.spatial.transform import Rotation
+
     cameras, images = [], []
     for k, name in enumerate(rig.names):
         if set(name) & set(" \t\r\n/\\") or not name:
@@ -166,7 +147,8 @@ def write_colmap(path: str | Path, rig: CameraRig) -> None:
         model, parameters = _parameters(rig, k)
         width, height = rig.size[k]
         cameras.append(f"{k + 1} {model} {width} {height} {_words(parameters)}\n")
-        images.append(f"{k + 1} {_words([*_quaternion(rig.R[k]), *rig.t[k]])} {k + 1} {name}.png\n\n")
+        pose = [*np.roll(Rotation.from_matrix(rig.R[k]).as_quat(), 1), *rig.t[k]]  # SciPy has the real part last
+        images.append(f"{k + 1} {_words(pose)} {k + 1} {name}.png\n\n")
     place = Path(path)
     write_whole(place.with_name("points3D.txt"), b"# no points\n")
     write_whole(place.with_name("images.txt"), "".join(["# an image a camera, without points\n", *images]).encode())

@@ -7,7 +7,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.source import Clip
@@ -61,7 +60,11 @@ def load_study(path: str | Path) -> Study:
     name = table.take("name", str, path.stem)
     table.finish()
     table = file.take_table("sequences")  # the user's own: scene file by name
-    scenes = {name: path.parent / _text(table, name, value) for name, value in table.take_rest().items()}
+    scenes = {}
+    for key, value in table.take_rest().items():
+        if not isinstance(value, str):
+            raise table.error(f"{key} = {value!r} is not a string", "name a scene.toml")
+        scenes[key] = path.parent / value
     grids = file.take("grid", list, [])
     file.finish()
     for part in (part for name in scenes for part in name.split("/")):
@@ -130,10 +133,4 @@ def _whole(table: Table, key: str, default: int | None, least: int = 1) -> Any:
     value = table.take(key, int, default)
     if value is not None and value < least:
         raise table.error(f"{key} = {value} is below {least}", f"give {least} or more")
-    return value
-
-
-def _text(table: Table, key: str, value: object) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{table.source}: [{table.name}]", f"{key} = {value!r} is not a string", "name a scene.toml")
     return value

@@ -59,9 +59,8 @@ class Board:
             )
         square = float(match["square"]) * METRES[match["unit"]]
         marker = float(match["marker"]) * METRES[match["marker_unit"]] if match["marker"] else _MARKER_SHARE * square
-        board = cls(match["kind"], int(match["columns"]), int(match["rows"]), square, marker)
-        if match["dictionary"]:
-            board = cls(board.kind, board.columns, board.rows, square, marker, match["dictionary"])
+        dictionary = match["dictionary"] or cls.dictionary
+        board = cls(match["kind"], int(match["columns"]), int(match["rows"]), square, marker, dictionary)
         board.check()
         return board
 
@@ -156,13 +155,9 @@ class Board:
         side, marker = 1000 * self.square, 1000 * self.marker
         width, height = self.columns * side + 2 * _MARGIN, self.rows * side + 3 * _MARGIN + 10
         cells = [(row, column) for row in range(self.rows) for column in range(self.columns)]
-        shapes = [
-            _rectangle(_MARGIN + column * side, _MARGIN + row * side, side, side)
-            for row, column in cells
-            if (row + column) % 2 == self._first_is_white
-        ]
+        black, white = ([cell for cell in cells if sum(cell) % 2 == odd] for odd in (0, 1))  # the first one is black
+        shapes = [_rectangle(_MARGIN + column * side, _MARGIN + row * side, side, side) for row, column in black]
         if self.kind == "charuco":
-            white = [cell for cell in cells if sum(cell) % 2 != self._first_is_white]
             inset = (side - marker) / 2
             for number, (row, column) in enumerate(white):
                 shapes += self._marker(number, _MARGIN + column * side + inset, _MARGIN + row * side + inset, marker)
@@ -178,10 +173,6 @@ class Board:
             + "\n".join([*shapes, words])
             + "\n</svg>\n"
         )
-
-    @property
-    def _first_is_white(self) -> int:
-        return 0  # OpenCV draws both kinds with a black square in the first corner
 
     def _marker(self, number: int, left: float, top: float, side: float) -> list[str]:
         cells = self._markers.markerSize + 2

@@ -1,4 +1,4 @@
-"""``mmocap calib``: calibrations, found from a walking person or converted from other programs'; and its commands."""
+"""``mmocap calib``: calibrations, found from a walking person or a board, or converted; and its commands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cyclopts import App
 
 from mmocap_warp.cli import COMMANDS
-from mmocap_warp.cli.command import BY_FLAG, Answer, Given, command
+from mmocap_warp.cli.command import ANY_NUMBER, BY_FLAG, BY_PLACE, Answer, Given, command
 from mmocap_warp.cli.console import CHECK_FAILED, next_step, table
 
 if TYPE_CHECKING:
@@ -20,15 +20,11 @@ _COLUMNS = (
     "camera", "frames", "agree", "x [m]", "y [m]", "z [m]", "+-", "over the floor [m]", "looks down [deg]", "+-",
     "view [deg]", "focal",
 )  # fmt: skip
+_BOARD_COLUMNS = (
+    "camera", "lens frames", "place frames", "covered", "residual [px]", "focal [px]", "+-", "x [m]", "y [m]", "z [m]",
+)  # fmt: skip
 app.command("mmocap_warp.cli.calib_adjust:check", name="check", help=COMMANDS["calib check"]["help"], sort_key=1)
 app.command("mmocap_warp.cli.calib_adjust:refine", name="refine", help=COMMANDS["calib refine"]["help"], sort_key=2)
-app.command("mmocap_warp.cli.calib_board:board", name="board", help=COMMANDS["calib board"]["help"], sort_key=4)
-app.command(
-    "mmocap_warp.cli.calib_board:print_board",
-    name="print-board",
-    help=COMMANDS["calib print-board"]["help"],
-    sort_key=5,
-)
 
 
 @app.command(help=COMMANDS["calib solve"]["help"], sort_key=3)
@@ -149,3 +145,52 @@ def convert(call: Any, output: Path) -> Answer:
     ]
     values = {"file": output, "files": calibration_files(output), "format": kind, "cameras": rows}
     return Answer(values, [f"{output}: {', '.join(rig.names)} as {kind}"])
+
+
+@app.command(help=COMMANDS["calib board"]["help"], sort_key=4)
+@command(
+    "boards:calibrate_board",
+    order="board output",
+    videos=Given(Path, kind=ANY_NUMBER),
+    board=Given(str, kind=BY_FLAG),
+    output=Given(Path, Path("calibration.toml")),
+)
+def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | None) -> Answer:
+    found = call()
+    rig = found.rig
+    rows: list[tuple[str, ...]] = [_BOARD_COLUMNS]
+    cameras = []
+    for k, name in enumerate(rig.names):
+        centre = rig.centres[k]
+        focal = rig.K[k, 0, 0]
+        used = "given" if not found.lens_frames[k] else str(found.lens_frames[k])
+        share = f"{100 * found.focal_sigma[k]:.2f} %"
+        numbers = f"{found.rms[k]:.2f}", f"{focal:.1f}", share, *(f"{value:.3f}" for value in centre)
+        rows.append((name, used, str(found.place_frames[k]), f"{100 * found.coverage[k]:.0f} %", *numbers))
+        cameras.append(
+            {
+                "name": name,
+                "lens_frames": found.lens_frames[k],
+                "place_frames": found.place_frames[k],
+                "coverage": found.coverage[k],
+                "residual_px": found.rms[k],
+                "focal_px": focal,
+                "focal_sigma": found.focal_sigma[k],
+                "centre_m": centre,
+            }
+        )
+    origin = "the board on the floor" if rig.up == "+z" else "the first camera; name a --floor frame for a level one"
+    lines = [table(rows, 1), f'{output}: metres, up = "{rig.up}", the world is that of {origin}']
+    if picture is not None:
+        lines.append(f"{picture}: corners, and residuals 50 times longer, in {len(rig)} views")
+    scene = videos[0] if len(videos) == 1 else Path("scene.toml")
+    lines.append(f"next: set calibration under [cameras] of the person's scene, then {next_step('cameras', scene)}")
+    values = {"calibration": output, "picture": picture, "up": rig.up, "cameras": cameras}
+    return Answer(values, lines)
+
+
+@app.command(help=COMMANDS["calib print-board"]["help"], sort_key=5)
+@command("boards:print_board", board=Given(str, kind=BY_PLACE), output=Given(Path, Path("board.svg")))
+def print_board(call: Any) -> Answer:
+    file = call()
+    return Answer({"file": file}, [f"{file}: print at 100 %, see that its ruler is right, and glue it on a flat plate"])

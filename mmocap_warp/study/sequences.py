@@ -6,8 +6,7 @@ long as the paper's. ``docs/sequences.md`` says what is in all of them and how t
 
 from __future__ import annotations
 
-from collections import UserDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -181,14 +180,25 @@ def clip_sequence(
     return replace(made, truth=replace(made.truth, marker_names=moved.marker_names, markers=np.round(paths, 7)))
 
 
-_made = cache(make_sequence)
-
-
-class MadeSequences(UserDict):
+class MadeSequences(Mapping[str, StudySequence]):
     """Sequences by name, each made from its plan when it is first asked for."""
 
+    def __init__(self, plans: Mapping[str, SequencePlan]) -> None:
+        self._plans = plans
+
     def __getitem__(self, name: str) -> StudySequence:
-        return _made(name, self.data[name])
+        return _made(name, self._plans[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._plans)
+
+    def __len__(self) -> int:
+        return len(self._plans)
+
+
+@cache
+def _made(name: str, plan: SequencePlan) -> StudySequence:
+    return make_sequence(name, plan)
 
 
 SEQUENCES: Mapping[str, StudySequence] = MadeSequences(PLANS)

@@ -35,8 +35,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--cases", type=int, default=300, help="damaged files a reader (default: 300)")
     parser.add_argument("--seed", type=int, default=1, help="of the damage (default: 1)")
     parser.add_argument("--reader", action="append", choices=list(READERS), help="only this one; may be repeated")
-    parser.add_argument("--seconds", type=float, default=20.0, help="of processor time for a file (default: 20)")
-    parser.add_argument("--memory", type=float, default=2.0, help="GiB for all beside the libraries (default: 2)")
+    parser.add_argument("--seconds", type=float, default=10.0, help="of processor time for a file (default: 10)")
+    parser.add_argument("--memory", type=float, default=1.0, help="GiB for all beside the libraries (default: 1)")
     parser.add_argument("--keep", type=Path, help="folder for files that ended the process")
     return parser.parse_args()
 

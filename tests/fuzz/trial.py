@@ -65,8 +65,8 @@ class Rules:
 
     seed: int = 1
     cases: int = 300
-    seconds: float = 20.0
-    memory: int = 2 * 2**30
+    seconds: float = 10.0
+    memory: int = 2**30
     keep: Path | None = None
 
 

@@ -56,6 +56,8 @@ def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
 
 def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
     """The rig that :func:`define_cameras` authored at the scope ``prim``; ``source`` is named in errors."""
+    if not prim:
+        raise InputError(source, "has no cameras", _REMEDY)
     scope = PrimReader(prim, source, _REMEDY)
     cameras = [scope.child(name) for name in scope.texts("mmocap:cameras")]
     scope.require(bool(cameras), "mmocap:cameras names none")

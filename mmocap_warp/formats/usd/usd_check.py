@@ -128,7 +128,7 @@ def _skeleton_faults(skeleton: UsdSkel.Skeleton) -> Iterator[str]:
         matrices = np.array(skeleton.GetPrim().GetAttribute(name).Get() or ())
         if len(matrices) != len(joints):
             yield f"{name} has {len(matrices)} entries for {len(joints)} joints"
-        elif np.isfinite(matrices).all() and (np.abs(np.linalg.det(matrices)) < _SINGULAR).any():
+        elif joints and np.isfinite(matrices).all() and (np.abs(np.linalg.det(matrices)) < _SINGULAR).any():
             yield f"{name} has a matrix that flattens"
     names = skeleton.GetJointNamesAttr().Get()
     if names and len(names) != len(joints):

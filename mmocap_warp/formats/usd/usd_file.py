@@ -151,9 +151,10 @@ class PrimReader:
         """An attribute's values at time codes. Each must have been authored: nothing is interpolated."""
         attribute = self.prim.GetAttribute(name)
         authored = set(attribute.GetTimeSamples()) if attribute else set()
-        absent = [time for time in times if time not in authored]
+        values = [attribute.Get(time) if time in authored else None for time in times]
+        absent = [time for time, value in zip(times, values, strict=True) if value is None]  # a value may be blocked
         self.require(not absent, f"attribute {name} has no value at frame {absent[0] if absent else 0:g}")
-        return [attribute.Get(time) for time in times]
+        return values
 
     def sampled_array(self, name: str, times: Sequence[float], shape: tuple[int, ...] | None = None) -> np.ndarray:
         """A numeric attribute at time codes, (time, *shape), as many as at the first; NaN may stand for "no value"."""

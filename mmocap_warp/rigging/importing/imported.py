@@ -19,7 +19,7 @@ from mmocap_warp.rigging.importing.closing import (
     joined_meshes,
     welded,
 )
-from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of
+from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, without_fine_joints
 from mmocap_warp.rigging.importing.joint_tree import (
     mirrored_pairs,
     parts_of,
@@ -101,9 +101,10 @@ def imported(
     # How its joints move, and the closed mesh that is tracked.
     place = mesh.bind[:, :3, 3]
     pairs = mirrored_pairs(mesh.joints, mesh.parent, place)
-    freedom = with_given(freedom_of(mesh, pairs), mesh.joints, given)
+    freedom, held_notes = without_fine_joints(mesh, freedom_of(mesh, pairs))
+    freedom = with_given(freedom, mesh.joints, given)
     skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles, skin_triangles)
-    notes = [*mesh.notes, *_size_note(mesh, scale)]
+    notes = [*mesh.notes, *_size_note(mesh, scale), *held_notes]
     if held := [name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides and not how.free]:
         notes.append(f"{', '.join(held)} slide by too little to be seen, or without limits: held at zero")
     notes += skin_notes

@@ -14,7 +14,9 @@ from made_up_rigs import write_creature
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.formats.rigged.gltf import read_gltf
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
+from mmocap_warp.kernels.contour import descent
 from mmocap_warp.rigging.importing.closing import closed, closed_pieces
+from mmocap_warp.rigging.importing.freedom import MOST_SEARCHED
 from mmocap_warp.rigging.importing.imported import imported, nearest_rotation
 
 
@@ -137,3 +139,34 @@ def test_other_endings_and_extensions_that_touch_no_geometry_are_read(tmp_path: 
     required = ["KHR_texture_basisu", "KHR_lights_punctual", "KHR_materials_clearcoat", "VRMC_vrm"]
     for name in ("a.GLB", "a.vrm"):
         assert read_gltf(write_creature(tmp_path / name, extensionsRequired=required)).joints
+
+
+def test_fingers_are_held_and_no_more_is_searched_than_a_tracker_can(tmp_path: Path) -> None:
+    plain = creature(tmp_path)
+    head, extra = plain.joints.index("head"), 60
+    # Sixty whiskers on the head, each a small triangle; the first two are called fingers.
+    names = ("finger.L", "finger.R", *(f"whisker{i}" for i in range(extra - 2)))
+    place = plain.bind[head, :3, 3] + np.random.default_rng(0).normal(0, 0.1, (extra, 3))
+    bind = np.tile(np.eye(4), (extra, 1, 1))
+    bind[:, :3, 3] = place
+    corner = (place[:, None] + 0.02 * np.eye(3)).reshape(-1, 3)
+    width = plain.weight.shape[1]
+    mesh = replace(
+        plain,
+        joints=plain.joints + names,
+        parent=plain.parent + (head,) * extra,
+        bind=np.concatenate([plain.bind, bind]),
+        vertex=np.concatenate([plain.vertex, corner]),
+        face=np.concatenate([plain.face, np.arange(3 * extra).reshape(-1, 3) + len(plain.vertex)]),
+        influence=np.concatenate(
+            [plain.influence, np.repeat(np.arange(extra) + len(plain.joints), 3)[:, None].repeat(width, 1)]
+        ),
+        weight=np.concatenate([plain.weight, np.tile(np.eye(1, width), (3 * extra, 1))]),
+        motions={},
+    )
+    made = imported(mesh, "cat")
+    (searched,) = made.body.skeleton.models.values()
+    assert 90 < len(searched) <= MOST_SEARCHED == descent.MOST_SEARCHED
+    held = [note for note in made.notes if note.startswith("held:")]
+    assert len(held) == 2
+    assert "finger_L, finger_R, which masks" in held[0]

@@ -19,7 +19,7 @@ from mmocap_warp.kernels.block import Batch, batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
 from mmocap_warp.kernels.contour.moving import Moving
-from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
+from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations, sum_tallies
 from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
@@ -178,6 +178,7 @@ class Contours:
             self.batch,
             self.rows,
         )
+        sum_tallies(self.outline, self.residuals, self.batch, self.sums)
         sum_normal_equations(self.outline, self.residuals, self.rows, self.batch, self.sums)
         return self
 

@@ -76,12 +76,42 @@ def _pull_cost(descent: Descent, c: int, words: wp.array[wp.uint32], lane: int, 
 
 
 @wp.func
+def _cost_of(sums: Sums, descent: Descent, c: int, words: wp.array[wp.uint32], lane: int, lanes: int) -> float:
+    """What the pose costs that was judged."""
+    cost = _pull_cost(descent, c, words, lane, lanes)
+    for k in range(sums.tally.shape[1]):
+        cost += sums.tally[c, k][0]
+    return cost
+
+
+@wp.kernel
+def _pass_over(
+    sums: Sums,
+    descent: Descent,
+    batch: Batch,
+    lanes: int,
+    # out
+    count: wp.array2d[wp.int32],  # (candidate, camera)
+) -> None:
+    own, lane = wp.tid()
+    c = batch.first + own
+    if not _cost_of(sums, descent, c, shared_words(batch.scratch), lane, lanes) < descent.cost[c]:
+        for k in range(lane, count.shape[1], lanes):
+            count[c, k] = 0
+
+
+def pass_over(sums: Sums, batch: Batch, descent: Descent, count: wp.array[wp.int32]) -> None:
+    """Empty the outlines (candidate, camera) of a batch's poses that will be left: nobody needs their derivatives."""
+    device = descent.pose.device
+    lanes = lanes_of(device)
+    wp.launch(_pass_over, (batch.size, lanes), [sums, descent, batch, lanes], [count], block_dim=lanes, device=device)
+
+
+@wp.func
 def _take_or_leave(sums: Sums, descent: Descent, c: int, words: wp.array[wp.uint32], lane: int, lanes: int) -> None:
     """Keep the pose that was judged if it costs less than the best one."""
     cameras = sums.tally.shape[1]
-    cost = _pull_cost(descent, c, words, lane, lanes)
-    for k in range(cameras):
-        cost += sums.tally[c, k][0]
+    cost = _cost_of(sums, descent, c, words, lane, lanes)
     better = cost < descent.cost[c]
     sync()
     if better:

@@ -79,6 +79,39 @@ def _sum_together(
 
 
 @wp.kernel
+def _sum_tallies(
+    outline: Outline,
+    residuals: Residuals,
+    batch: Batch,
+    lanes: int,
+    # out
+    sums: Sums,
+) -> None:
+    own, k, lane = wp.tid()
+    c = batch.first + own
+    shares = matrix_at(shared_words(batch.scratch), 0, lanes, 4)
+    share = wp.vec4()
+    for s in range(lane, outline.count[c, k], lanes):
+        share += residuals.tally[c, k, s]
+    for i in range(4):
+        shares[lane, i] = share[i]
+    sync()
+    for i in range(lane, 4, lanes):
+        total = float(0.0)
+        for other in range(lanes):
+            total += shares[other, i]
+        sums.tally[c, k][i] = total
+
+
+def sum_tallies(outline: Outline, residuals: Residuals, batch: Batch, sums: Sums) -> None:
+    """Sum up what a batch's outlines cost."""
+    device = outline.image.device
+    lanes = lanes_of(device)
+    dim = (batch.size, outline.count.shape[1], lanes)
+    wp.launch(_sum_tallies, dim, [outline, residuals, batch, lanes], [sums], block_dim=lanes, device=device)
+
+
+@wp.kernel
 def _sum_normal_equations(
     outline: Outline,
     residuals: Residuals,
@@ -105,24 +138,10 @@ def _sum_normal_equations(
         _sum_together(
             residuals.weighted, rows.value, words, first, count, rows.width, sums.triangle, at, thread, lane, lanes
         )
-    sync()
-    if block == 0:
-        shares = matrix_at(words, 0, lanes, 4)
-        share = wp.vec4()
-        for s in range(lane, count, lanes):
-            share += residuals.tally[c, k, s]
-        for i in range(4):
-            shares[lane, i] = share[i]
-        sync()
-        for i in range(lane, 4, lanes):
-            total = float(0.0)
-            for other in range(lanes):
-                total += shares[other, i]
-            sums.tally[c, k][i] = total
 
 
 def sum_normal_equations(outline: Outline, residuals: Residuals, rows: Rows, batch: Batch, sums: Sums) -> None:
-    """Sum up a batch's rows and tallies, with lanes enough for a candidate's view that each has one tile at most."""
+    """Sum up a batch's rows, with lanes enough for a candidate's view that each has one tile at most."""
     device = outline.image.device
     lanes = lanes_of(device)
     half = (rows.width + 1) // 2

@@ -22,10 +22,14 @@ def search_limits(subject: Subject, config: TrackConfig) -> np.ndarray:
 
 
 def make_objective(subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, bases: int = 1) -> Objective:
-    """An objective of a run's settings for so many candidates, which share ``bases`` evenly."""
+    """An objective of a run's settings for so many candidates, which share ``bases`` evenly.
+
+    Where contours are fitted it draws with the renderer that is faster everywhere: no result depends on that.
+    """
+    renderer = "raster" if config.fits_contours else config.renderer
     return Objective(
         subject.body, subject.root_base, rig, candidates,
-        cost=config.cost, renderer=config.renderer, bases=bases, **_machine(config),
+        cost=config.cost, renderer=renderer, bases=bases, **_machine(config),
     )  # fmt: skip
 
 

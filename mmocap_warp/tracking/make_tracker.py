@@ -89,7 +89,7 @@ def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: floa
     vertices, faces, pixels = len(mesh.rest), len(mesh.face), float(rig.size.prod(axis=1).sum())
 
     # A candidate whose silhouettes are drawn: its skin, and in each view its corners, triangles and their boxes.
-    boxes = 0 if config.renderer == "raster" else 3.3 if on_cpu else 17
+    boxes = 0 if config.fits_contours or config.renderer == "raster" else 3.3 if on_cpu else 17
     drawn = 12 * vertices + 128 * len(subject.body.joint_rest) + cameras * (8 * vertices + (1 + boxes) * faces)
     # A candidate whose contours are fitted: in each view the room for contour edges, most of it rows of a Jacobian.
     room = contour_room(3 * faces // 2)

@@ -52,7 +52,7 @@ class TrackConfig:
     rotation_radius: float | None = setting(None, "In radians, instead of the preset's.", "the preset's")
     translation_radius: float | None = setting(None, "In metres, instead of the preset's.", "the preset's")
     cost: str = setting(COSTS[0], f"{listed(COSTS)}; the first is Eq. 4-5.")
-    renderer: str = setting(RENDERERS[0], f"{listed(RENDERERS)}; the counts, and so the results, are the same.")
+    renderer: str = setting(RENDERERS[0], f"{listed(RENDERERS)}, for the paper's algorithms; the results are the same.")
     limits: bool = setting(True, "Keep joints within their anatomical limits.")
     cameras: str = setting(
         AS_GIVEN,

@@ -23,10 +23,10 @@ from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels
 from mmocap_warp.kernels.contour import jacobian, moving, normal_equations, outline, residuals
-from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, descend
+from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, descend, pass_over
 from mmocap_warp.kernels.contour.jacobian import OWN, Posed, RestChange, Rows, differentiate, move_origins, turn_axes
 from mmocap_warp.kernels.contour.moving import Moving, bend_skin, follow_skin
-from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations, triangle_words
+from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations, sum_tallies, triangle_words
 from mmocap_warp.kernels.contour.outline import find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import allocated, filled
@@ -298,18 +298,31 @@ class ContourFitter:
 
     def _descend(self, batch: Batch, steps: int) -> None:
         for step in range(steps + 1):
-            self._sum(batch)
+            self._match(batch)
+            if step < steps:
+                pass_over(self._sums, batch, self.descent, self._outline.count)
+                self._differentiate(batch)
             descend(self._sums, batch, self.descent, steps=step < steps)
 
     def _sum(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their sums."""
-        views, posed, outline, residuals = self._views, self._posed, self._outline, self._residuals
+        self._match(batch)
+        self._differentiate(batch)
+
+    def _match(self, batch: Batch) -> None:
+        """From poses to what their outlines cost."""
+        outline, residuals = self._outline, self._residuals
         self._skin(batch)
+        find_contours(self._edges, self._posed.vertex, self._moving, self._views, batch, outline)
+        find_residuals(outline, self.fields.struct, self._views, self._matching, batch, residuals)
+        sum_tallies(outline, residuals, batch, self._sums)
+
+    def _differentiate(self, batch: Batch) -> None:
+        """From matched outlines to the sums of their derivatives."""
+        posed, outline, residuals = self._posed, self._outline, self._residuals
         turn_axes(self.descent.pose, batch, posed)
         move_origins(posed, self._change, batch)
-        find_contours(self._edges, posed.vertex, self._moving, views, batch, outline)
-        find_residuals(outline, self.fields.struct, views, self._matching, batch, residuals)
-        differentiate(posed, self._tree, self._change, views, outline, residuals, batch, self._rows)
+        differentiate(posed, self._tree, self._change, self._views, outline, residuals, batch, self._rows)
         sum_normal_equations(outline, residuals, self._rows, batch, self._sums)
 
     def _read_sums(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

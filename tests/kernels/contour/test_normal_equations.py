@@ -10,7 +10,7 @@ from poisoned import poisoned
 
 from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.contour.jacobian import Rows
-from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
+from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations, sum_tallies
 from mmocap_warp.kernels.structs import filled
 
 SIZE = 700
@@ -49,6 +49,7 @@ class Case:
         )
         for first, end in parts:
             batch = batch_of(first, end, 2, self.device)
+            sum_tallies(self.outline, self.residuals, batch, sums)
             sum_normal_equations(self.outline, self.residuals, self.rows, batch, sums)
         return sums.triangle.numpy().reshape(2, 3, triangle), sums.tally.numpy()
 

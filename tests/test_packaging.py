@@ -49,7 +49,8 @@ def test_the_changelog_begins_with_what_is_unreleased_and_then_has_this_version(
 
 def test_what_runs_before_a_commit_runs_in_ci():
     hooks = re.findall(r"entry: (.+)", (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
-    checks = (ROOT / ".ci" / "run").read_text(encoding="utf-8").replace(" --check", "").splitlines()
+    lines = (ROOT / ".ci" / "run").read_text(encoding="utf-8").replace(" --check", "").splitlines()
+    checks = [line.strip() for line in lines]
     assert hooks
     assert [hook for hook in hooks if hook not in checks] == []
 

@@ -81,7 +81,7 @@ def import_body(
     attribution: str | None = None,
     force: bool = False,
 ) -> Imported:
-    """Write a body of a rigged character (.glb, .gltf, .usd, .usda, .usdc) or a robot (.urdf).
+    """Write a body of a rigged character (.glb, .gltf, .vrm, .usd, .usda, .usdc, .usdz) or a robot (.urdf).
 
     Args:
         file: the character or robot.
@@ -152,8 +152,9 @@ def _read_rigged(file: Path, meshes: Path | None) -> RiggedMesh:
     readers: dict[str, Callable[[Path], RiggedMesh]] = {
         ".glb": read_gltf,
         ".gltf": read_gltf,
+        ".vrm": read_gltf,
         ".urdf": lambda file: read_urdf(file, meshes),
-        **dict.fromkeys(USD_SUFFIXES, read_usd_skel),
+        **dict.fromkeys((*USD_SUFFIXES, ".usdz"), read_usd_skel),
     }
     if not file.is_file():
         raise InputError(file, "no such file", "check the path")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import struct
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -20,7 +20,8 @@ _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _TRIANGLES = 4
-_READABLE = {"KHR_texture_transform", "KHR_mesh_quantization", "KHR_materials_unlit"}
+# Extensions without a bearing on geometry, joints and skin, and one whose values are read as any others.
+_READABLE = re.compile(r"(KHR|EXT|MSFT|VRMC?)_(materials|texture|lights|springBone|xmp|mesh_quantization)|VRM")
 _REMEDY = "export it again as glTF 2.0 with its skin, without compression"
 
 
@@ -44,7 +45,7 @@ class _Document:
         data = read_bytes(path, "check the path")
         binary = b""
         # The JSON, and the binary chunk after it.
-        if path.suffix == ".glb":
+        if path.suffix.lower() != ".gltf":
             magic, version, _ = struct.unpack_from("<III", data)
             if magic != _MAGIC or version != 2:
                 raise InputError(path, "is not binary glTF 2.0", _REMEDY)
@@ -59,7 +60,7 @@ class _Document:
             text = data
         self.json = json.loads(text)
         # A file that needs what is not read here is refused.
-        required = sorted(set(self.json.get("extensionsRequired", [])) - _READABLE)
+        required = [name for name in self.json.get("extensionsRequired", []) if not _READABLE.match(name)]
         if required:
             raise InputError(path, f"needs the glTF extension {required[0]}, which is not read", _REMEDY)
         # The buffers: the binary chunk, text within the JSON, or files beside it.
@@ -127,27 +128,42 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         for child in node.get("children", []):
             above[_index(child)] = number
     parents_first(above)  # raises where nodes hang on each other in a circle
-    joints, bind = _joints(document, [skins[_index(node["skin"])] for _, node in skinned])
+    joints = list(
+        dict.fromkeys(_index(joint) for _, node in skinned for joint in skins[_index(node["skin"])]["joints"])
+    )
     joint_of = {node: joint for joint, node in enumerate(joints)}
     parent = [_nearest_above(node, above, joint_of) for node in joints]
     order = parents_first(parent)
-    # The skin, whose weights count the joints of their own skin.
-    parts = []
-    for _, node in skinned:
-        of_skin = np.array([joint_of[joint] for joint in skins[node["skin"]]["joints"]])
-        primitives = document.list("meshes")[_index(node["mesh"])]["primitives"]
-        parts += [_read_primitive(document, primitive, of_skin) for primitive in primitives]
-    skin = joined_parts(parts)
-    # The motions, and the space in which all is bound.
     rest = _world_transforms(np.stack([_local_transforms(node, {}) for node in nodes], axis=1), above)[0]
+    # The skin, each part brought from the space in which it is bound to the scene's.
+    parts: list[Skin] = []
+    bind: dict[int, np.ndarray] = {}
+    scene_of_skin: dict[int, np.ndarray] = {}
+    for number, node in skinned:
+        own = _bind_transforms(document, skins[node["skin"]])
+        in_order = [joints[joint] for joint in order if joints[joint] in own]
+        if node["skin"] not in scene_of_skin:
+            own_bind = np.stack([own[joint] for joint in in_order])
+            scene_of_skin[node["skin"]] = _scene_from_bind(own_bind, rest[in_order], rest[number])
+        scene = scene_of_skin[node["skin"]]
+        for joint, matrix in own.items():
+            bind.setdefault(joint, scene @ matrix)
+        parts += _read_mesh(document, node["mesh"], [joint_of[joint] for joint in own], scene)
+    # Meshes without a skin that hang on a joint follow it.
     motions, notes = _node_motions(document, nodes, above, joints)
-    scene = _scene_from_bind(bind[order], rest[[joints[joint] for joint in order]], rest[skinned[0][0]])
+    for number, node in enumerate(nodes):
+        joint = _nearest_above(number, above, joint_of, include_itself=True) if "mesh" in node else -1
+        if "skin" in node or joint < 0:
+            continue
+        scene = bind[joints[joint]] @ np.linalg.inv(rest[joints[joint]]) @ rest[number]
+        parts += _read_mesh(document, node["mesh"], joint, scene)
+        notes.append(f"mesh {node.get('name') or number} has no skin: it follows {nodes[joints[joint]].get('name')}")
     mesh = RiggedMesh(
         name=str(skinned[0][1].get("name") or path.stem),
         joints=tuple(str(nodes[node].get("name") or f"joint{node}") for node in joints),
         parent=tuple(parent),
-        bind=scene @ bind,
-        **skin._replace(vertex=skin.vertex @ scene[:3, :3].T + scene[:3, 3])._asdict(),
+        bind=np.stack([bind[node] for node in joints]),
+        **joined_parts(parts)._asdict(),
         motions=motions,
         attribution=str(document.json.get("asset", {}).get("copyright", "")),
         notes=tuple(notes),
@@ -155,46 +171,53 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
     return reorder(mesh, order)
 
 
-def _joints(document: _Document, skins: Iterable[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
-    """Nodes of all skins' joints, each once, and their bind transforms (joint, 4, 4)."""
-    bind: dict[int, np.ndarray] = {}
-    for skin in skins:
-        joints = [_index(node) for node in skin["joints"]]
-        inverse = np.tile(np.eye(4), (len(joints), 1, 1))
-        if "inverseBindMatrices" in skin:
-            inverse = document.array(skin["inverseBindMatrices"])[: len(joints)].reshape(-1, 4, 4).swapaxes(1, 2)
-        for node, matrix in zip(joints, np.linalg.inv(inverse), strict=True):
-            bind.setdefault(node, matrix)
-    if not np.isfinite(list(bind.values())).all():
-        raise ValueError("a bind transform is not finite")
-    return list(bind), np.stack(list(bind.values()))
+def _bind_transforms(document: _Document, skin: dict[str, Any]) -> dict[int, np.ndarray]:
+    """The bind transform (4, 4) of each of a skin's joints, by its node."""
+    joints = skin["joints"]
+    inverse = np.tile(np.eye(4), (len(joints), 1, 1))
+    if "inverseBindMatrices" in skin:
+        inverse = document.array(skin["inverseBindMatrices"])[: len(joints)].reshape(-1, 4, 4).swapaxes(1, 2)
+    bind = np.linalg.inv(inverse)
+    if not np.isfinite(bind).all() or len(set(joints)) < len(joints):
+        raise ValueError("a bind transform is not finite, or a joint is there twice")
+    return dict(zip(joints, bind, strict=True))
 
 
-def _nearest_above(node: int, above: list[int], joint_of: dict[int, int]) -> int:
+def _nearest_above(node: int, above: list[int], joint_of: dict[int, int], *, include_itself: bool = False) -> int:
     """The nearest joint above a node, -1 where there is none."""
-    node = above[node]
+    node = node if include_itself else above[node]
     while node >= 0 and node not in joint_of:
         node = above[node]
     return joint_of.get(node, -1)
 
 
-def _read_primitive(document: _Document, primitive: dict[str, Any], of_skin: np.ndarray) -> Skin:
-    """A part of a mesh, whose skin's joints have the numbers ``of_skin``."""
+def _read_mesh(document: _Document, number: int, joints: list[int] | int, scene: np.ndarray) -> list[Skin]:
+    """A mesh's parts, brought into the scene, which follow the joints of a skin, or all one joint."""
+    primitives = document.list("meshes")[_index(number)]["primitives"]
+    parts = [_read_primitive(document, primitive, joints) for primitive in primitives]
+    return [part._replace(vertex=part.vertex @ scene[:3, :3].T + scene[:3, 3]) for part in parts]
+
+
+def _read_primitive(document: _Document, primitive: dict[str, Any], joints: list[int] | int) -> Skin:
+    """A part of a mesh, which follows the joints of a skin with these numbers, or all one joint."""
     if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
         raise ValueError("a mesh is not of triangles")
     attributes = primitive["attributes"]
     vertex = document.array(attributes["POSITION"]).astype(np.float64)
     index = document.array(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertex))
     face = index[: len(index) // 3 * 3].astype(np.int64).reshape(-1, 3)
-    sets = [i for i in range(len(attributes)) if f"JOINTS_{i}" in attributes]
-    joint = np.concatenate([document.array(attributes[f"JOINTS_{i}"]) for i in sets], axis=1).astype(np.int64)
-    weight = np.concatenate([document.array(attributes[f"WEIGHTS_{i}"]) for i in sets], axis=1).astype(np.float64)
+    if isinstance(joints, int):
+        joint, weight, joints = np.zeros((len(vertex), 1), np.int64), np.ones((len(vertex), 1)), [joints]
+    else:
+        sets = [i for i in range(len(attributes)) if f"JOINTS_{i}" in attributes]
+        joint = np.concatenate([document.array(attributes[f"JOINTS_{i}"]) for i in sets], axis=1).astype(np.int64)
+        weight = np.concatenate([document.array(attributes[f"WEIGHTS_{i}"]) for i in sets], axis=1).astype(np.float64)
     sound = vertex.shape[1] == 3 and joint.shape == weight.shape and len(joint) == len(vertex)
     if not sound or not np.isfinite(vertex).all() or not np.isfinite(weight).all() or (weight < 0).any():
         raise ValueError("a mesh's vertices and weights do not fit together, or are not finite")
     if len(face) and face.max() >= len(vertex):
         raise ValueError("a triangle names a vertex that does not exist")
-    return Skin(vertex, face, of_skin[np.where(weight > 0, joint, 0)], weight)
+    return Skin(vertex, face, np.array(joints)[np.where(weight > 0, joint, 0)], weight)
 
 
 def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ def read_usd_skel(path: str | Path) -> RiggedMesh:
     path = Path(path)
     stage = read_stage(path)
     bound: dict[str, list[UsdGeom.Mesh]] = {}
-    for prim in stage.Traverse():
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         if prim.IsA(UsdGeom.Mesh) and UsdGeom.Imageable(prim).ComputePurpose() in ("default", "render"):
             skeleton = UsdSkel.BindingAPI(prim).GetInheritedSkeleton()
             if skeleton and UsdSkel.BindingAPI(prim).GetJointIndicesPrimvar().HasValue():
@@ -59,10 +59,15 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
     own = {str(joint).rsplit("/", 1)[-1] for joint in paths}
     names = tuple(name.rsplit("/", 1)[-1] if len(own) == len(paths) else name.replace("/", "_") for name in paths)
 
+    # The skeleton's place in the stage, which may change with time, counts for joints and skin.
+    placed = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(skeleton.GetPrim()), float).T
+    bind = placed @ bind
+
     # All meshes that are bound to the skeleton, as one.
     parts = []
     for mesh in meshes:
         points, triangles = _read_mesh(mesh)
+        points = points @ placed[:3, :3].T + placed[:3, 3]
         parts.append(Skin(points, triangles, *_read_weights(mesh, number, len(points))))
     stated = (prim.GetAttribute(_ATTRIBUTION) for prim in stage.Traverse() if prim.HasAttribute(_ATTRIBUTION))
     attributions = (str(attribute.Get()) for attribute in stated)
@@ -133,7 +138,10 @@ def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton) -> dict[str, Rig
     frames = np.arange(times[0], times[-1] + 0.5)
     if len(frames) > _MAX_FRAMES:
         raise ValueError(f"its animation has {len(frames)} frames")
-    world = np.array([query.ComputeJointSkelTransforms(Usd.TimeCode(time)) for time in frames], float)
+    in_skeleton = np.array([query.ComputeJointSkelTransforms(Usd.TimeCode(time)) for time in frames], float)
+    prim = skeleton.GetPrim()
+    placed = [UsdGeom.XformCache(Usd.TimeCode(time)).GetLocalToWorldTransform(prim) for time in frames]
+    world = in_skeleton @ np.array(placed, float)[:, None]  # of row vectors
     fps = float(stage.GetTimeCodesPerSecond())
     return {str(source.GetName()): RiggedMotion(fps, world.swapaxes(-1, -2))}
 

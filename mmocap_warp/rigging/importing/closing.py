@@ -82,6 +82,9 @@ def four_influences(mesh: RiggedMesh) -> tuple[np.ndarray, np.ndarray, float]:
 _MOST_HOLES = 200  # skin with more holes is wrapped instead of closed
 MOST_TRIANGLES, CELLS = 20_000, 40
 """A mesh of more triangles is wrapped, which is quicker than making it coarser; and the grid's cells along its side."""
+_PIECE_TRIANGLES, _PIECE_CELLS = 60_000, 20  # the same of a connected piece of a mesh
+_MOST_PIECES = 200  # a mesh of more pieces is wrapped as one: a coarse mesh could not hold all of them
+_SMALLEST_PIECE = 0.03  # smaller pieces, such as eyes and buttons, are left out; a share of the mesh's extent
 
 
 class ClosedMesh(NamedTuple):
@@ -109,21 +112,58 @@ def closed(vertex: np.ndarray, face: np.ndarray, most: int = MOST_TRIANGLES, cel
         most: triangles; a mesh of more is wrapped in any case.
         cells: of the grid in which it is wrapped, along its longest side.
     """
-    if len(face) > most:
-        return wrapped(vertex, face, cells, f"it has {len(face)} triangles")
+    made = _filled(vertex, face) if len(face) <= most else f"it has {len(face)} triangles"
+    return wrapped(vertex, face, cells, made) if isinstance(made, str) else made
+
+
+def _filled(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh | str:
+    """The mesh with its holes filled, or why that cannot be."""
     wound = face if is_closed(face) else consistently_wound(face)
     rims = None if wound is None else _hole_rims(wound)
     if wound is None or rims is None or len(rims) > _MOST_HOLES:
-        return wrapped(vertex, face, cells, "it is not a surface with a few holes")
+        return "it is not a surface with a few holes"
     # Each hole is filled by a fan around a vertex in its middle.
     middle = np.array([vertex[rim].mean(axis=0) for rim in rims]).reshape(-1, 3)
     fans = [np.stack([rim, np.roll(rim, -1), np.full(len(rim), len(vertex) + i)], axis=1) for i, rim in enumerate(rims)]
     whole = np.concatenate([wound, *fans])
     if not is_closed(whole):
-        return wrapped(vertex, face, cells, "it is open")
+        return "it is open"
     beside = np.array([rim[0] for rim in rims], int)
     done = "" if not rims else f"{len(rims)} hole{'s' if len(rims) > 1 else ''} filled"
     return ClosedMesh(middle, beside, outward(np.concatenate([vertex, middle]), whole), done)
+
+
+def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh:
+    """As :func:`closed`; but where that would wrap the mesh, each of its connected pieces is closed by itself.
+
+    A silhouette is that of the pieces' union. A wrap of the whole would join legs and fill armpits.
+    """
+    whole = _filled(vertex, face) if len(face) <= MOST_TRIANGLES else f"it has {len(face)} triangles"
+    if not isinstance(whole, str):
+        return whole
+    edge = mesh_edges(face)
+    piece = _pieces(edge[:, 0], edge[:, 1], len(vertex))[face[:, 0]]
+    least = _SMALLEST_PIECE * float(np.ptp(vertex[face].reshape(-1, 3), axis=0).max())
+    parts = [face[piece == number] for number in np.unique(piece)]
+    shown = [part for part in parts if np.ptp(vertex[part].reshape(-1, 3), axis=0).max() >= least]
+    if not 0 < len(shown) <= _MOST_PIECES:
+        return wrapped(vertex, face, CELLS, whole)
+    made = [closed(vertex, part, _PIECE_TRIANGLES, _PIECE_CELLS) for part in shown]
+    changed = sum(bool(part.done) for part in made)
+    done = f"{len(made)} pieces, of which {changed} were closed or wrapped in new surfaces"
+    left_out = f"; {len(parts) - len(shown)} small ones left out" if len(shown) < len(parts) else ""
+    return joined_meshes(made, len(vertex), done + left_out)
+
+
+def joined_meshes(parts: list[ClosedMesh], vertices: int, done: str) -> ClosedMesh:
+    """Several closed meshes over the same ``vertices`` as one."""
+    first = vertices + np.cumsum([0, *(len(part.added) for part in parts)])
+    faces = [
+        np.where(part.face < vertices, part.face, part.face - vertices + start)
+        for part, start in zip(parts, first, strict=False)
+    ]
+    added, beside = (np.concatenate([each[i] for each in parts]) for i in range(2))
+    return ClosedMesh(added, beside, np.concatenate(faces), done)
 
 
 def consistently_wound(face: np.ndarray) -> np.ndarray | None:

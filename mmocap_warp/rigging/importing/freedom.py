@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -89,6 +90,43 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
         else:
             found.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
     return found
+
+
+MOST_SEARCHED = 100
+"""Coordinates that a tracker searches at most; the root's six are among them."""
+_FINE_NAMES = re.compile(r"thumb|index|middle|ring|pinky|finger|eye|brow|lash|lip|jaw|tongue|teeth|twist|roll", re.I)
+_FINE_SKIN = 0.08  # a joint of such a name is held where its skin is smaller than this share of the mesh's extent
+
+
+def without_fine_joints(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[list[Freedom], list[str]]:
+    """Freedom without joints that masks of the whole body do not show, and a line for each reason to hold some.
+
+    Fingers, eyes and twist bones are known by their names and the extent of the skin that follows them. If more
+    coordinates are left than a tracker searches, the joints with the least skin are held too.
+    """
+    extent, below, found, notes = float(np.ptp(mesh.vertex, axis=0).max()), skin_below(mesh), list(freedom), []
+
+    def hold(joints: list[int], why: str) -> None:
+        for joint in joints:
+            found[joint] = replace(found[joint], free="")
+        if joints:
+            names = [mesh.joints[joint] for joint in joints]
+            few = ", ".join(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more"
+            notes.append(f"held: {few}, {why}; free them in a joints file (--write-joints, --joints)")
+
+    def is_fine(joint: int) -> bool:
+        own = mesh.vertex[((mesh.influence == joint) & (mesh.weight > 0.5)).any(axis=1)]
+        return not len(own) or float(np.ptp(own, axis=0).max()) < _FINE_SKIN * extent
+
+    free = [joint for joint, how in enumerate(found) if joint and how.free and how.origin == "derived"]
+    hold([j for j in free if _FINE_NAMES.search(mesh.joints[j]) and is_fine(j)], "which masks of the body do not show")
+    small = []
+    for joint in sorted(free, key=lambda joint: (below[joint], joint)):
+        if 6 + sum(len(how.free) for j, how in enumerate(found) if j and j not in small) <= MOST_SEARCHED:
+            break
+        small.append(joint)
+    hold([joint for joint in small if found[joint].free], f"as at most {MOST_SEARCHED} coordinates are searched")
+    return found, notes
 
 
 def _is_one_chain(mesh: RiggedMesh) -> bool:

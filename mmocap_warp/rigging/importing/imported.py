@@ -11,12 +11,20 @@ from mmocap_warp.body.rotations import applied, axis_vector, continuous_zyx_angl
 from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.rigging.decimation import decimate
-from mmocap_warp.rigging.importing.closing import ClosedMesh, closed, four_influences, welded
-from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of
+from mmocap_warp.rigging.importing.closing import (
+    ClosedMesh,
+    closed,
+    closed_pieces,
+    four_influences,
+    joined_meshes,
+    welded,
+)
+from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, without_fine_joints
 from mmocap_warp.rigging.importing.joint_tree import (
     mirrored_pairs,
     parts_of,
     sides_crossed,
+    with_moving_parents,
     with_named_joints,
     with_one_root,
     with_parents,
@@ -33,6 +41,7 @@ _WIDEST_SPREAD = 1.0  # the same of a joint that may begin anywhere, at most [ra
 _LEAST_SHIFT, _WIDEST_SHIFT = 0.001, 1.0  # the same of a joint that slides, at least and at most [m]
 _NEGLIGIBLE = 5e-4  # share of a vertex's weight that may be dropped without a note
 _PART_TRIANGLES, _PART_CELLS = 500, 16  # a robot's part of more triangles is wrapped, on a grid of so many cells
+_SMALLEST, _LARGEST = 0.0005, 100.0  # length of what can be filmed [m]
 _LEAST_SKIN = 4  # number of triangles that a closed mesh has at least
 
 
@@ -85,15 +94,17 @@ def imported(
     # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
-    mesh = welded(with_one_root(with_parents(mesh, given.parents)))
+    mesh = with_moving_parents(with_parents(mesh, given.parents), given.parents)
+    mesh = welded(with_one_root(mesh))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
     # How its joints move, and the closed mesh that is tracked.
     place = mesh.bind[:, :3, 3]
     pairs = mirrored_pairs(mesh.joints, mesh.parent, place)
-    freedom = with_given(freedom_of(mesh, pairs), mesh.joints, given)
+    freedom, held_notes = without_fine_joints(mesh, freedom_of(mesh, pairs))
+    freedom = with_given(freedom, mesh.joints, given)
     skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles, skin_triangles)
-    notes = list(mesh.notes)
+    notes = [*mesh.notes, *_size_note(mesh, scale), *held_notes]
     if held := [name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides and not how.free]:
         notes.append(f"{', '.join(held)} slide by too little to be seen, or without limits: held at zero")
     notes += skin_notes
@@ -120,6 +131,15 @@ def imported(
         motions[label], apart = body_motion(body, mesh.bind, motion)
         notes.append(f"motion {label}: {len(motion.world)} frames, joints within {1000 * apart:.1f} mm of the file's")
     return Imported(body, freedom, motions, tuple(notes))
+
+
+def _size_note(mesh: RiggedMesh, scale: float) -> list[str]:
+    """A line where the mesh is smaller or larger than what is filmed: many files state no unit, or a wrong one."""
+    size = float(np.ptp(mesh.vertex, axis=0).max())
+    if _SMALLEST <= size <= _LARGEST:
+        return []
+    unit, metres = ("centimetres", 0.01) if size > _LARGEST else ("metres", 1000.0)
+    return [f"it is {size:.3g} m long: give --scale {metres * scale:g} if its file is in {unit}"]
 
 
 def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom], stands: bool | None) -> Skeleton:
@@ -170,7 +190,7 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     if dropped > _NEGLIGIBLE:
         notes.append(f"vertices follow at most four joints: up to {100 * dropped:.1f} % of one's weight was dropped")
     # A closed surface; its new vertices follow the joints of a vertex beside them.
-    surface = _close_parts(mesh) if mesh.rigid else closed(mesh.vertex, mesh.face)
+    surface = _close_parts(mesh) if mesh.rigid else closed_pieces(mesh.vertex, mesh.face)
     notes += [f"tracking mesh: {surface.done}"] if surface.done else []
     vertex = np.concatenate([mesh.vertex, surface.added])
     beside = np.concatenate([np.arange(len(mesh.vertex)), surface.beside])
@@ -200,19 +220,11 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
 def _close_parts(mesh: RiggedMesh) -> ClosedMesh:
     """Each rigid part closed by itself: a robot's parts are hollow, and meet in joints."""
     follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
-    added, beside, faces, changed = [np.zeros((0, 3))], [np.zeros(0, int)], [], []
-    for joint, name in enumerate(mesh.joints):
-        face = mesh.face[follows == joint]
-        if not len(face):
-            continue
-        part = closed(mesh.vertex, face, _PART_TRIANGLES, _PART_CELLS)
-        before = sum(map(len, added))
-        faces.append(np.where(part.face < len(mesh.vertex), part.face, part.face + before))
-        added.append(part.added)
-        beside.append(part.beside)
-        changed += [name] if part.done else []
+    names = np.unique(follows)
+    made = [closed(mesh.vertex, mesh.face[follows == joint], _PART_TRIANGLES, _PART_CELLS) for joint in names]
+    changed = [mesh.joints[joint] for joint, part in zip(names, made, strict=True) if part.done]
     done = f"parts closed or wrapped in new surfaces: {', '.join(changed)}" if changed else ""
-    return ClosedMesh(np.concatenate(added), np.concatenate(beside), np.concatenate(faces), done)
+    return joined_meshes(made, len(mesh.vertex), done)
 
 
 def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tuple[BodyMotion, float]:
@@ -307,7 +319,10 @@ def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> Rigged
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) the rotations nearest to some matrices, which may be scaled or mirrored."""
+    """(..., 3, 3) the rotations nearest to some matrices, which may be scaled; of a mirrored one, to its negative.
+
+    To turn round all axes of a mirrored matrix is the one choice that does not change from frame to frame.
+    """
     u, _, vt = np.linalg.svd(matrix)
-    u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
-    return u @ vt
+    factor = u @ vt
+    return factor * np.sign(np.linalg.det(factor))[..., None, None]

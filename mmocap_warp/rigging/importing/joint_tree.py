@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from dataclasses import replace
 from itertools import pairwise
 
@@ -56,6 +57,48 @@ def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
                 raise ValueError(f"there is no joint {name!r}; there are {', '.join(mesh.joints)}")
         parent[number[joint]] = number[above]
     return reorder(replace(mesh, parent=tuple(parent)))
+
+
+_LOOSE, _HELD = 0.05, 0.01  # how far a joint moves about another that holds it not, or holds it; of the mesh's extent
+
+
+def with_moving_parents(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:
+    """The mesh with joints hung on what they move with, where they leave the joint that they hang on.
+
+    Rigs for animators hang feet on the root and let inverse kinematics bring them to the shins: the file's motions show
+    what holds them. Joints in ``kept`` and those that slide by their file stay where they are.
+    """
+    if not mesh.motions:
+        return mesh
+    extent, has_skin = float(np.ptp(mesh.vertex, axis=0).max()), skin_below(mesh) > 0
+    world = np.concatenate([motion.world for motion in mesh.motions.values()])
+    parent, notes = list(mesh.parent), list(mesh.notes)
+    for joint, above in enumerate(mesh.parent):
+        if joint in mesh.axes or mesh.joints[joint] in kept or not has_skin[joint]:
+            continue
+        # How far the joint strays from its middle place in the axes of each other joint.
+        offset = world[:, joint, None, :3, 3] - world[:, :, :3, 3]
+        local = np.einsum("fjba,fjb->fja", world[:, :, :3, :3], offset)
+        strays = np.linalg.norm(local - np.median(local, axis=0), axis=2).max(axis=0)
+        if above >= 0 and strays[above] < _LOOSE * extent:
+            continue
+        below = [other for other in range(len(parent)) if joint in _ancestors(parent, other)]
+        strays[~has_skin], strays[below] = np.inf, np.inf
+        holder = int(strays.argmin())
+        if strays[holder] < _HELD * extent and holder != above:
+            parent[joint] = holder
+            was = f", not with {mesh.joints[above]}" if above >= 0 else ""
+            notes.append(f"{mesh.joints[joint]} moves with {mesh.joints[holder]}{was}: hung on it")
+    return reorder(replace(mesh, parent=tuple(parent), notes=tuple(notes)))
+
+
+def _ancestors(parent: list[int], joint: int) -> list[int]:
+    """A joint, and all that it hangs on."""
+    chain = []
+    while joint >= 0:
+        chain.append(joint)
+        joint = parent[joint]
+    return chain
 
 
 def with_one_root(mesh: RiggedMesh) -> RiggedMesh:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from other_bodies import quadruped
-from pxr import Sdf, Usd, UsdGeom, UsdPhysics
+from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdUtils
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
@@ -69,3 +69,26 @@ def test_a_file_without_a_skin_is_told(tmp_path: Path) -> None:
     stage.Save()
     with pytest.raises(InputError, match="holds no mesh that is bound"):
         read_usd_skel(tmp_path / "empty.usda")
+
+
+def test_a_skeleton_that_is_placed_in_the_stage_an_instance_and_a_package(tmp_path: Path) -> None:
+    dog, path = quadruped(), tmp_path / "dog.usda"
+    write_body(path, dog)
+    shown = tmp_path / "shown.usda"
+    stage = Usd.Stage.CreateNew(str(shown))
+    prim = stage.DefinePrim("/Shown", "Xform")
+    prim.GetReferences().AddReference("./dog.usda")
+    prim.SetInstanceable(True)
+    place = UsdGeom.Xformable(prim)
+    place.AddTranslateOp().Set((1.0, 2.0, 3.0))
+    place.AddRotateXOp().Set(90.0)
+    stage.Save()
+    whole, package = tmp_path / "whole.usdc", tmp_path / "shown.usdz"
+    stage.Flatten().Export(str(whole))
+    assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(whole)), str(package))
+    turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    for file in (shown, package):
+        read = read_usd_skel(file)
+        np.testing.assert_allclose(read.bind[:, :3, 3], dog.joint_rest @ turn.T + (1, 2, 3), atol=1e-6)
+        np.testing.assert_allclose(read.vertex, dog.skin.rest @ turn.T + (1, 2, 3), atol=1e-6)
+        np.testing.assert_allclose(read.bind[0, :3, :3], turn @ read_usd_skel(path).bind[0, :3, :3], atol=1e-6)

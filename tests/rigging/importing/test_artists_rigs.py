@@ -1,0 +1,172 @@
+"""Characters as artists make them: feet on inverse kinematics, meshes without a skin, several pieces, mirrored axes."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from made_up_rigs import write_creature
+
+from mmocap_warp.body.mesh_pieces import is_closed
+from mmocap_warp.formats.rigged.gltf import read_gltf
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
+from mmocap_warp.kernels.contour import descent
+from mmocap_warp.rigging.importing.closing import closed, closed_pieces
+from mmocap_warp.rigging.importing.freedom import MOST_SEARCHED
+from mmocap_warp.rigging.importing.imported import imported, nearest_rotation
+
+
+def creature(folder: Path, **changes) -> RiggedMesh:
+    return read_gltf(write_creature(folder / "creature.glb", **changes))
+
+
+def changed_glb(path: Path, change) -> Path:
+    """The file with its JSON changed in place."""
+    data = path.read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    document = json.loads(data[20 : 20 + size])
+    change(document)
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    rest = struct.pack("<II", len(text), 0x4E4F534A) + text + data[20 + size :]
+    path.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(rest)) + rest)
+    return path
+
+
+def test_feet_that_hang_on_the_root_are_hung_on_what_they_move_with(tmp_path: Path) -> None:
+    mesh = creature(tmp_path)
+    number = {name: joint for joint, name in enumerate(mesh.joints)}
+    # The body strides ahead by two metres, and swings its left shin; the foot hangs on the armature.
+    world = np.repeat(mesh.bind[None], 21, axis=0)
+    world[:, 1:, 2, 3] += np.linspace(0, 2, 21)[:, None]
+    swing = np.linspace(0, 1, 21)
+    turn = np.zeros((21, 3, 3))
+    turn[:, 0, 0] = 1
+    turn[:, 1, 1] = turn[:, 2, 2] = np.cos(swing)
+    turn[:, 2, 1], turn[:, 1, 2] = np.sin(swing), -np.sin(swing)
+    at = world[:, number["shin.L"], :3, 3].copy()
+    for name in ("shin.L", "foot.L"):
+        joint = number[name]
+        world[:, joint, :3, 3] = at + np.einsum("fab,fb->fa", turn, world[:, joint, :3, 3] - at)
+        world[:, joint, :3, :3] = turn
+    parent = list(mesh.parent)
+    parent[number["foot.L"]] = number["armature"]
+    mesh = replace(mesh, parent=tuple(parent), motions={"Stride": RiggedMotion(30.0, world)})
+    made = imported(mesh, "creature")
+    skeleton = made.body.skeleton
+    assert skeleton.joints[skeleton.parent[skeleton.index("foot_L")]] == "shin_L"
+    assert any("foot_L moves with shin_L, not with armature" in note for note in made.notes)
+    assert any("joints within 0.0 mm" in note for note in made.notes)
+
+
+def test_a_mesh_without_a_skin_follows_the_joint_that_it_hangs_on(tmp_path: Path) -> None:
+    def hang_a_hat(document: dict) -> None:
+        names = [node["name"] for node in document["nodes"]]
+        attributes = document["meshes"][0]["primitives"][0]["attributes"]
+        document["meshes"].append({"primitives": [{"attributes": {"POSITION": attributes["POSITION"]}}]})
+        hat = {"name": "hat", "mesh": 1, "scale": [0.1, 0.1, 0.1], "translation": [0, 0.5, 0]}
+        document["nodes"].append(hat)
+        document["nodes"][names.index("head")]["children"].append(len(document["nodes"]) - 1)
+
+    plain = creature(tmp_path)
+    mesh = read_gltf(changed_glb(write_creature(tmp_path / "hat.glb"), hang_a_hat))
+    head, hat = mesh.joints.index("head"), mesh.vertex[len(plain.vertex) :]
+    np.testing.assert_allclose(hat, 0.1 * plain.vertex + mesh.bind[head, :3, 3] + (0, 0.5, 0), atol=1e-6)
+    assert (mesh.influence[len(plain.vertex) :, 0] == head).all()
+    assert "mesh hat has no skin: it follows head" in mesh.notes
+
+
+def test_two_skins_that_are_bound_in_spaces_of_their_own_meet_in_the_scene(tmp_path: Path) -> None:
+    def add_a_skin_bound_at_the_origin(document: dict) -> None:
+        names = [node["name"] for node in document["nodes"]]
+        attributes = document["meshes"][0]["primitives"][0]["attributes"]
+        count = document["accessors"][attributes["POSITION"]]["count"]
+        document["accessors"].append({"componentType": 5121, "type": "VEC4", "count": count})  # zeros: the one joint
+        own = {"JOINTS_0": len(document["accessors"]) - 1, "WEIGHTS_0": attributes["WEIGHTS_0"]}
+        document["meshes"].append({"primitives": [{"attributes": {"POSITION": attributes["POSITION"], **own}}]})
+        document["skins"].append({"joints": [names.index("head")]})
+        document["nodes"].append({"name": "visor", "mesh": 1, "skin": 1})
+
+    plain = creature(tmp_path)
+    mesh = read_gltf(changed_glb(write_creature(tmp_path / "two.glb"), add_a_skin_bound_at_the_origin))
+    head, visor = plain.joints.index("head"), slice(len(plain.vertex), None)
+    np.testing.assert_allclose(mesh.vertex[: len(plain.vertex)], plain.vertex, atol=1e-6)
+    np.testing.assert_allclose(mesh.vertex[visor], plain.vertex + plain.bind[head, :3, 3], atol=1e-6)
+    assert set(mesh.influence[visor][mesh.weight[visor] > 0]) == {head}
+
+
+def test_pieces_are_closed_by_themselves_where_the_whole_cannot_be() -> None:
+    """Two cylinders side by side, one with a wall inside: a wrap of both would join them."""
+    one = trimesh.creation.cylinder(0.08, 1.0, sections=24)
+    other = one.copy().apply_translation((0.18, 0, 0))
+    vertex = np.concatenate([one.vertices, other.vertices])
+    wall = np.array([[0, 1, 5], [0, 5, 9], [1, 5, 9]])
+    face = np.concatenate([one.faces, np.asarray(other.faces) + len(one.vertices), wall])
+    surface = closed_pieces(vertex, face)
+    assert surface.done.startswith("2 pieces, of which 1 ")
+    assert is_closed(surface.face)
+    wrap = closed(vertex, face)
+    counts = []
+    for made in (surface, wrap):
+        mesh = trimesh.Trimesh(np.concatenate([vertex, made.added]), made.face, process=False)
+        mesh.remove_unreferenced_vertices()
+        counts.append(mesh.body_count)
+    assert counts == [2, 1]
+
+
+def test_mirrored_axes_do_not_flip_between_frames() -> None:
+    angle = np.linspace(0, 3, 50)
+    turn = np.zeros((50, 3, 3))
+    turn[:, 2, 2] = 1
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+    turn[:, 1, 0], turn[:, 0, 1] = np.sin(angle), -np.sin(angle)
+    rotations = nearest_rotation(turn @ np.diag([-1.0, 1.0, 1.0]) * np.linspace(0.999, 1.001, 50)[:, None, None])
+    steps = np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:]
+    assert np.degrees(np.arccos((np.trace(steps, axis1=1, axis2=2) - 1) / 2)).max() < 5
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
+
+
+def test_a_size_that_nothing_filmed_has_is_named_with_the_remedy(tmp_path: Path) -> None:
+    assert "give --scale 0.01" in " ".join(imported(creature(tmp_path, scale=100.0), "giant").notes)
+    assert not any("--scale" in note for note in imported(creature(tmp_path), "creature").notes)
+
+
+def test_other_endings_and_extensions_that_touch_no_geometry_are_read(tmp_path: Path) -> None:
+    required = ["KHR_texture_basisu", "KHR_lights_punctual", "KHR_materials_clearcoat", "VRMC_vrm"]
+    for name in ("a.GLB", "a.vrm"):
+        assert read_gltf(write_creature(tmp_path / name, extensionsRequired=required)).joints
+
+
+def test_fingers_are_held_and_no_more_is_searched_than_a_tracker_can(tmp_path: Path) -> None:
+    plain = creature(tmp_path)
+    head, extra = plain.joints.index("head"), 60
+    # Sixty whiskers on the head, each a small triangle; the first two are called fingers.
+    names = ("finger.L", "finger.R", *(f"whisker{i}" for i in range(extra - 2)))
+    place = plain.bind[head, :3, 3] + np.random.default_rng(0).normal(0, 0.1, (extra, 3))
+    bind = np.tile(np.eye(4), (extra, 1, 1))
+    bind[:, :3, 3] = place
+    corner = (place[:, None] + 0.02 * np.eye(3)).reshape(-1, 3)
+    width = plain.weight.shape[1]
+    mesh = replace(
+        plain,
+        joints=plain.joints + names,
+        parent=plain.parent + (head,) * extra,
+        bind=np.concatenate([plain.bind, bind]),
+        vertex=np.concatenate([plain.vertex, corner]),
+        face=np.concatenate([plain.face, np.arange(3 * extra).reshape(-1, 3) + len(plain.vertex)]),
+        influence=np.concatenate(
+            [plain.influence, np.repeat(np.arange(extra) + len(plain.joints), 3)[:, None].repeat(width, 1)]
+        ),
+        weight=np.concatenate([plain.weight, np.tile(np.eye(1, width), (3 * extra, 1))]),
+        motions={},
+    )
+    made = imported(mesh, "cat")
+    (searched,) = made.body.skeleton.models.values()
+    assert 90 < len(searched) <= MOST_SEARCHED == descent.MOST_SEARCHED
+    held = [note for note in made.notes if note.startswith("held:")]
+    assert len(held) == 2
+    assert "finger_L, finger_R, which masks" in held[0]

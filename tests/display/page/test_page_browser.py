@@ -162,7 +162,13 @@ def test_keys_play_step_and_choose(browser):
     press(browser, "Home")
     press(browser, " ")
     assert browser.run("part.play.textContent") == "Pause"
-    browser.run("new Promise((done) => setTimeout(done, 500))")
+    browser.run(  # a busy machine draws its first picture late
+        """new Promise((done) => {
+            const last = Date.now() + 10000;
+            const look = () => (state.position > 0 || Date.now() > last ? done() : setTimeout(look, 20));
+            look();
+        })"""
+    )
     assert browser.run("state.position") > 0
     press(browser, " ")
     assert browser.run("[part.play.textContent, state.position % 1]") == ["Play", 0]

@@ -59,12 +59,7 @@ Track = Callable[[Subject, CameraRig, Iterable[Observation], float, TrackConfig,
 
 
 def track_with_seed(
-    subject: Subject,
-    rig: CameraRig,
-    observations: Iterable[Observation],
-    fps: float,
-    settings: TrackConfig,
-    seed: int,
+    subject: Subject, rig: CameraRig, observations: Iterable[Observation], fps: float, settings: TrackConfig, seed: int
 ) -> Result:
     """One run of the tracker that the settings name."""
     return track_observations(subject, rig, observations, fps, replace(settings, seed=seed, runs=1))

@@ -159,12 +159,7 @@ def _sole(result: Result, joint: str) -> np.ndarray:
 
 
 def _judge_joints(
-    result: Result,
-    joints: np.ndarray,
-    truth: Truth,
-    mine: np.ndarray,
-    theirs: np.ndarray,
-    per_frame: Metrics,
+    result: Result, joints: np.ndarray, truth: Truth, mine: np.ndarray, theirs: np.ndarray, per_frame: Metrics
 ) -> np.ndarray:
     """Fill in the joint errors of the frames ``mine``; returns how many of them have lost a limb, (run,)."""
     skeleton = result.subject.body.skeleton

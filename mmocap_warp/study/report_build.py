@@ -79,12 +79,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
 
 
 def write_report(
-    study: StudySummary,
-    clips: Mapping[str, Clip],
-    notes: Sequence[str],
-    page: Path,
-    tables: Path,
-    cells: Path,
+    study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str], page: Path, tables: Path, cells: Path
 ) -> None:
     """Write the page, its tables as Markdown, and a CSV file with a line per cell; each whole or not at all.
 

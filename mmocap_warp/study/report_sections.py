@@ -12,13 +12,7 @@ from mmocap_warp.study import overview, paper, report_figures, report_tables
 from mmocap_warp.study.claims import check_claims
 from mmocap_warp.study.report_parts import Html, Section, by_measure, choice, drawn, fill, html_of
 from mmocap_warp.study.source import Clip
-from mmocap_warp.study.study_tables import (
-    Ranking,
-    algorithm_rankings,
-    by_algorithm,
-    model_differences,
-    model_rankings,
-)
+from mmocap_warp.study.study_tables import Ranking, algorithm_rankings, by_algorithm, model_differences, model_rankings
 from mmocap_warp.study.summary import Contender, Measure, StudySummary, algorithm_label
 from mmocap_warp.study.wording import counted, extent, listed, named, over, with_unit
 

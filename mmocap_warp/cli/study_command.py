@@ -67,7 +67,7 @@ def make(call: Any) -> Answer:
 @app.command(help=COMMANDS["study run"]["help"], sort_key=1)
 @command("studies:run_study")
 def run(call: Any, console: Console, study: Path) -> Answer:
-    from mmocap_warp.cli.progress import StudyProgress
+    from mmocap_warp.cli.progress import JobsProgress
     from mmocap_warp.study.definition import load_study
 
     loaded = load_study(study)
@@ -75,7 +75,7 @@ def run(call: Any, console: Console, study: Path) -> Answer:
     with (
         open(os.devnull, "w") as nowhere,
         redirect_stdout(sys.stderr if console.debug else nowhere),
-        StudyProgress(loaded.name, quiet=console.quiet) as progress,
+        JobsProgress(loaded.name, quiet=console.quiet) as progress,
     ):
         done = call(study=loaded, show=progress.show, reporter=progress)
     values = _values(done)
@@ -89,7 +89,7 @@ def _values(done: StudyRun) -> dict[str, Any]:
     return {
         "study": done.name,
         "folder": done.folder,
-        **attributes(status, "cells", finished_before="reused", finished_now="finished"),
+        **attributes(status, cells="jobs", finished_before="reused", finished_now="finished"),
         "failed": [{"cell": str(cell), "problem": problem} for cell, problem in sorted(status.failures.items())],
         **attributes(status, "seconds", "evaluations", evaluations_per_second="rate"),
         "paper_grid_hours": GRID_EVALUATIONS / status.rate / 3600.0 if status.rate else None,

@@ -20,6 +20,7 @@ from typing import Any
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.code_hash import code_hash
+from mmocap_warp.device.resolve import device_kind
 from mmocap_warp.fitting.clip_body import frames_to_follow
 from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip
 from mmocap_warp.masks.observation import Observation
@@ -29,7 +30,7 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth, at_rate
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.study.degradations import degraded, is_random
-from mmocap_warp.study.job import device_kind, solved_subject
+from mmocap_warp.study.job import solved_subject
 from mmocap_warp.study.sequences import CLIP_PLANS, PLANS
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracking.frame_loop import track_observations

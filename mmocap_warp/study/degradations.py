@@ -6,7 +6,7 @@ They are named as in ``views=3``; several are joined by ``+``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations, islice
 
@@ -51,11 +51,7 @@ def most_different_views(rig: CameraRig, count: int) -> tuple[int, ...]:
         raise ValueError(f"views must be 1 to {len(rig)}, got {count}")
     ahead = rig.R[:, 2]
     alike = np.abs(ahead @ ahead.T).round(9) - 2 * np.eye(len(rig))
-
-    def most_alike(chosen: tuple[int, ...]) -> float:
-        return float(alike[np.ix_(chosen, chosen)].max())
-
-    return min(combinations(range(len(rig)), count), key=most_alike)
+    return min(combinations(range(len(rig)), count), key=lambda chosen: float(alike[np.ix_(chosen, chosen)].max()))
 
 
 def fewer_frames(clip: OpenClip, fps: float) -> OpenClip:
@@ -64,20 +60,14 @@ def fewer_frames(clip: OpenClip, fps: float) -> OpenClip:
     Raises:
         ValueError: a rate that is not the clip's divided by a whole number.
     """
-    step = round(clip.fps / fps)
+    step, truth = round(clip.fps / fps), clip.truth
     if step < 1 or abs(clip.fps - step * fps) > 1e-6 * clip.fps:
         raise ValueError(f"fps must divide the clip's {clip.fps:g}, got {fps:g}")
-    truth = clip.truth
     if truth is not None:
         truth = truth.at_frames(truth.frame_numbers % step == 0)
         truth = replace(truth, fps=fps, frame_numbers=truth.frame_numbers // step)
-    return replace(
-        clip,
-        fps=fps,
-        frames=-(-clip.frames // step),
-        truth=truth,
-        observations=islice(clip.observations, 0, None, step),
-    )
+    seen = islice(clip.observations, 0, None, step)
+    return replace(clip, fps=fps, frames=-(-clip.frames // step), truth=truth, observations=seen)
 
 
 def wrong_calibration(clip: OpenClip, pixels: float, seed: int) -> OpenClip:
@@ -188,21 +178,16 @@ def degraded(clip: OpenClip, text: str, seed: int) -> OpenClip:
 
 def _with_masks(clip: OpenClip, change: Callable[[int, Masks], Masks]) -> OpenClip:
     """The clip whose masks are changed, frame by frame; what is changed may be the masks given."""
-
-    def changed(observations: Iterator[Observation]) -> Iterator[Observation]:
-        for frame, seen in enumerate(observations):
-            yield Observation.from_masks(change(frame, unpack_masks(seen.words, clip.rig.size)), seen.late)
-
-    return replace(clip, observations=changed(clip.observations))
+    seen = (
+        Observation.from_masks(change(frame, unpack_masks(seen.words, clip.rig.size)), seen.late)
+        for frame, seen in enumerate(clip.observations)
+    )
+    return replace(clip, observations=seen)
 
 
 def _with_others(clip: OpenClip, others: Callable[[int], Masks]) -> OpenClip:
     """The clip in whose frames others are foreground, too."""
-
-    def joined(frame: int, masks: Masks) -> Masks:
-        return [mask | other for mask, other in zip(masks, others(frame), strict=True)]
-
-    return _with_masks(clip, joined)
+    return _with_masks(clip, lambda frame, masks: [a | b for a, b in zip(masks, others(frame), strict=True)])
 
 
 def _clear_circle(clip: OpenClip) -> tuple[np.ndarray, float]:

@@ -87,29 +87,23 @@ class Worker:
         tracked = collect(clip.subject, clip.rig, clip.fps, config, answers)
         if config.acceleration:
             tracked = smoothed(tracked, config, self._observations)
-        per_frame, per_run = measure(tracked, clip.truth)
-        yield CellResult(
-            cell=job.cell,
-            seeds=np.arange(config.seed, config.seed + config.runs, dtype=np.int64),
-            frames=tracked.frame_numbers.astype(np.int64),
-            per_frame=per_frame,
-            per_run=per_run,
-            pose=tracked.pose.astype(np.float32),
-            meta={
-                "fps": clip.fps,
-                "cameras": list(clip.rig.names),
-                "size": clip.rig.size.tolist(),
-                "config": {name: value for name, value in tracked.config.items() if name not in ("device", "threads")},
-                "device": device_kind(self.device),
-                "versions": tracked.versions,
-                "code": job.code,
-                "code_covers": _covered(job.config, job.clip, job.solved),
-                "host": socket.gethostname(),
-                "started": started,
-                "wall_seconds": time.perf_counter() - begun,
-                "study": job.study,
-            },
-        )
+        meta = {
+            "fps": clip.fps,
+            "cameras": list(clip.rig.names),
+            "size": clip.rig.size.tolist(),
+            "config": {name: value for name, value in tracked.config.items() if name not in ("device", "threads")},
+            "device": device_kind(self.device),
+            "versions": tracked.versions,
+            "code": job.code,
+            "code_covers": _covered(job.config, job.clip, job.solved),
+            "host": socket.gethostname(),
+            "started": started,
+            "study": job.study,
+        }
+        seeds = np.arange(config.seed, config.seed + config.runs, dtype=np.int64)
+        numbers, per_frame, per_run = tracked.frame_numbers.astype(np.int64), *measure(tracked, clip.truth)
+        meta["wall_seconds"] = time.perf_counter() - begun
+        yield CellResult(job.cell, seeds, numbers, per_frame, per_run, tracked.pose.astype(np.float32), meta)
 
     def _solve(self, job: Job, clip: OpenClip) -> Subject:
         """The clip's subject with its body solved, once for all runs and for all trackers of the same first seed."""

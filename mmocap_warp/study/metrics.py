@@ -127,15 +127,11 @@ def foot_slide(result: Result) -> np.ndarray:
     no threshold is needed.
     """
     step = np.diff(result.frame_numbers)
-    if not len(step):
+    soles = [_sole(result, joint) for joint in _FEET if joint in result.subject.body.skeleton.joints]
+    if not len(step) or not soles:
         return np.full(len(result.pose), np.nan)
-    rate = result.fps / step.min()
-    feet = [joint for joint in _FEET if joint in result.subject.body.skeleton.joints]
-    if not feet:
-        return np.full(len(result.pose), np.nan)
-    soles = [_sole(result, foot) for foot in feet]
     slower = [np.min([_contact_speed(result, pose, sole) for sole in soles], axis=0) for pose in result.pose]
-    return np.array(slower)[:, step == step.min()].mean(axis=1) * rate
+    return np.array(slower)[:, step == step.min()].mean(axis=1) * (result.fps / step.min())
 
 
 def _contact_speed(result: Result, pose: np.ndarray, sole: np.ndarray) -> np.ndarray:
@@ -165,17 +161,16 @@ def _judge_joints(
     skeleton = result.subject.body.skeleton
     judged = [name for group in skeleton.evaluation_groups.values() for name in group]
     names = [name for name in (*TRUNK, *judged) if name in truth.joint_names]
+    ends = [i for i, name in enumerate(names) if name in skeleton.ends]
+    limbs = [i for i, name in enumerate(names) if name in judged]
     if not names:
         return np.full(len(joints), np.nan)
     known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
     tracked = np.stack([_tracked(result, joints, mine, name) for name in names], axis=2)
     distance = np.linalg.norm(tracked - known, axis=-1)  # (run, common frame, joint)
-    per_frame["joint_error"] = on_all_frames(nanmean(distance, axis=2), mine, result)
-    limbs = [i for i, name in enumerate(names) if name in judged]
-    per_frame["mpjpe"] = on_all_frames(nanmean(distance[..., limbs], axis=2), mine, result)
-    aligned = aligned_error(tracked[:, :, limbs], known[:, limbs])
-    per_frame["pa_mpjpe"] = on_all_frames(aligned, mine, result)
-    ends = [i for i, name in enumerate(names) if name in skeleton.ends]
+    errors = {"joint_error": nanmean(distance, axis=2), "mpjpe": nanmean(distance[..., limbs], axis=2)}
+    errors["pa_mpjpe"] = aligned_error(tracked[:, :, limbs], known[:, limbs])
+    per_frame |= {name: on_all_frames(error, mine, result) for name, error in errors.items()}
     lost = (distance[..., ends] > LOST_LIMB).any(axis=2).sum(axis=1)
     return lost.astype(float) if ends else np.full(len(joints), np.nan)
 

@@ -20,6 +20,7 @@ from mmocap_warp.study.summary import (
     Measure,
     StudySummary,
     algorithm_label,
+    contender,
     in_order,
     ordered,
 )
@@ -47,8 +48,7 @@ def all_trackers(study: StudySummary) -> Table:
         f"All trackers that have tracked {over(study.sequences)}, best first; mean over the sequences. "
         f"{extent(cells) if cells else ''}. Time: of a single run, where it was measured."
     )
-    head = ["Tracker", *(measure.title for measure in measures), "ms a frame, alone", "seeds"]
-    return Table(caption, head, rows)
+    return Table(caption, ["Tracker", *(each.title for each in measures), "ms a frame, alone", "seeds"], rows)
 
 
 @dataclass(frozen=True)
@@ -83,13 +83,9 @@ def leads(study: StudySummary, sequences: Iterable[str]) -> list[Lead]:
     The best of all models; empty without a tracker of ours.
     """
     main, found = study.measures[0], []
+    mine = [cell for cell in study.cells if cell.preset == study.preset and cell.algorithm in study.algorithms]
     for sequence in sequences if study.others else ():
-        ours = study.others[0]
-        rivals = [
-            Contender(cell.algorithm, cell.dof, cell.evaluations)
-            for cell in study.cells
-            if cell.preset == study.preset and cell.sequence == sequence and cell.algorithm in study.algorithms
-        ]
+        ours, rivals = study.others[0], [contender(cell) for cell in mine if cell.sequence == sequence]
         most = max((who.evaluations for who in rivals), default=0)
         error = study.level(ours, main, [sequence])
         levels = {who: study.level(who, main, [sequence]) for who in rivals if who.evaluations == most}
@@ -149,25 +145,22 @@ def rank_pairs(study: StudySummary, dof: int) -> Table | None:
     columns: list[tuple[str, dict[str, float]]] = []
     blocks = set()
     for budget in study.budgets:
-        rankings = [by_algorithm(study, measure, dof, budget) for measure in (main, FITNESS)]
-        for ranking in (ranking for ranking in rankings if ranking is not None):
+        rankings = [found for each in (main, FITNESS) if (found := by_algorithm(study, each, dof, budget))]
+        for ranking in rankings:
             of = {row.contender.algorithm: row.comparison.rank for row in ranking.rows}
             columns.append((f"{budget:,}: {named(ranking.measure)}", of))
             blocks.add(len(ranking.sequences))
-        printed = paper.printed_ranks(dof, budget)
-        if printed and any(rankings):
+        if rankings and (printed := paper.printed_ranks(dof, budget)):
             columns.append((f"{budget:,}: the paper", printed))
     if not blocks or FITNESS not in study.measures or main == FITNESS:
         return None
-    rows = [
-        [algorithm_label(name), *(f"{of[name]:.3f}" if name in of else DASH for _, of in columns)]
-        for name in study.algorithms
-    ]
+    ranks = {name: [f"{of[name]:.3f}" if name in of else DASH for _, of in columns] for name in study.algorithms}
     over_blocks = " to ".join(map(str, sorted({min(blocks), max(blocks)})))
     caption = (
         f"Average ranks by the error and by the fitness that was searched, {dof} DOF, over {over_blocks} sequences. "
-        f"{extent(study.cells[cell] for cell in study.grid if cell.dof == dof)}."
+        f"{extent(study.of_grid(dof=dof))}."
     )
+    rows = [[algorithm_label(name), *of] for name, of in ranks.items()]
     return Table(caption, ["Algorithm", *(title for title, _ in columns)], rows)
 
 
@@ -283,20 +276,16 @@ def missing(study: StudySummary) -> list[str]:
     for preset, dof, budget in order:
         planned = groups[preset, dof, budget]
         absent = [cell for cell in planned if cell not in study.cells]
-        setting = f"{dof} DOF, {budget:,} evaluations, preset {preset}"
+        setting, cells = f"{dof} DOF, {budget:,} evaluations, preset {preset}", counted(len(planned), "cell")
         if absent and len(absent) == len(planned):
-            sentences.append(f"{setting}: none of {counted(len(planned), 'cell')} was run.")
+            sentences.append(f"{setting}: none of {cells} was run.")
         elif absent:
             which = []
             for name in in_order(cell.algorithm for cell in absent):
-                lacking, wanted = (
-                    {cell.sequence for cell in cells if cell.algorithm == name} for cells in (absent, planned)
-                )
-                in_words = "all" if lacking == wanted else ", ".join(sorted(lacking))
-                which.append(f"{algorithm_label(name)}: {in_words}")
+                lacking, wanted = ({cell.sequence for cell in of if cell.algorithm == name} for of in (absent, planned))
+                which.append(f"{algorithm_label(name)}: {'all' if lacking == wanted else ', '.join(sorted(lacking))}")
             were = "was" if len(absent) == 1 else "were"
-            listing = "; ".join(which)
-            sentences.append(f"{setting}: {len(absent)} of {counted(len(planned), 'cell')} {were} not run ({listing}).")
+            sentences.append(f"{setting}: {len(absent)} of {cells} {were} not run ({'; '.join(which)}).")
     return sentences
 
 

@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, astuple
 from html import escape
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         setting_section(study, notes),
         Section("cite", "How to cite", [fill("cite", bibtex=resource(_HERE, "paper.bib"))]),
     )
-    sections = [section for section in candidates if section is not None]
+    sections = [section._asdict() for section in candidates if section is not None]
     names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")} - {"study"})
     return filled(
         resource(_HERE, "report.html"),
@@ -71,9 +72,9 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         eyebrow=escape(f"Study {', '.join(names)}" if names else "Study"),
         lead=escape(grid_sentence(study)),
         cards=cards,
-        contents="".join(fill("contents", **section._asdict()) for section in sections),
+        contents="".join(fill("contents", **section) for section in sections),
         controls=_controls(study),
-        sections="\n".join(fill("section", **section._asdict()) for section in sections),
+        sections="\n".join(fill("section", **section) for section in sections),
         footer=escape(f"Written by mmocap-warp {__version__}."),
     )
 
@@ -110,11 +111,11 @@ def _controls(study: StudySummary) -> Html:
         ("budget", "Evaluations per frame"): {budget: f"{budget:,}" for budget in study.budgets},
         ("sequence", "Sequence"): {name: name for name in study.sequences},
     }
-    lists = []
+    lists = ""
     for (name, title), labels in kinds.items():
         options = [fill("option", value=value, label=label) for value, label in labels.items()]
-        lists.append(fill("control", title=title, name=name, options=options))
-    return Html("".join(lists))
+        lists += fill("control", title=title, name=name, options=options)
+    return Html(lists)
 
 
 def csv_table(study: StudySummary) -> str:
@@ -199,13 +200,13 @@ def _rankings(rankings: Sequence[Ranking], title: str) -> Iterator[str]:
     """Rankings side by side with their tests below, and then their effects' sizes."""
     if not rankings:
         return
-    rows = ranking_rows(rankings, lambda p: f"**{p}**")
-    tested: list[list[str]] = [[], [], []]
-    for test in (ranking.test for ranking in rankings):
-        tested[0] += ["Friedman", f"{test.statistic:.3f}" if test else "", p_value(test.p) if test else ""]
-        tested[1] += ["Iman–Davenport F", statistic(test.f) if test else "", p_value(test.f_p) if test else ""]
-        tested[2] += ["Kendall’s W", f"{test.kendall_w:.2f}" if test else "", ""]
-    rows += [[*line, ""] for line in tested]
+    rows, tests = ranking_rows(rankings, lambda p: f"**{p}**"), [ranking.test for ranking in rankings]
+    told = [
+        [("Friedman", f"{test.statistic:.3f}", p_value(test.p)) if test else ("Friedman", "", "") for test in tests],
+        [("Iman–Davenport F", *((statistic(test.f), p_value(test.f_p)) if test else ("", ""))) for test in tests],
+        [("Kendall’s W", f"{test.kendall_w:.2f}" if test else "", "") for test in tests],
+    ]
+    rows += [[*chain.from_iterable(line), ""] for line in told]
     head = [*(RANK_HEAD * len(rankings)), "Holm"]
     size = ", ".join(f"{ranking.seeds} seeds over {len(ranking.sequences)} sequences" for ranking in rankings)
     yield Table(f"{size}.", head, rows).markdown(title)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from html import escape
-from itertools import groupby
+from itertools import chain, groupby, zip_longest
 
 import numpy as np
 
@@ -43,18 +43,18 @@ def ranking_table(rankings: Sequence[Ranking], caption: str) -> Table:
 
 def ranking_rows(rankings: Sequence[Ranking], strong: Callable[[str], str]) -> list[list[str]]:
     """The rows of rankings side by side; ``strong`` marks what is significant."""
-    rows = []
-    for place in range(max(len(ranking.rows) for ranking in rankings)):
-        cells = []
-        for ranking in rankings:
-            if place >= len(ranking.rows):
-                cells += ["", "", ""]
-                continue
-            row = ranking.rows[place]
-            p = p_value(row.comparison.p)
-            cells += [Name(row.contender), f"{row.comparison.rank:.3f}", strong(p) if row.comparison.rejected else p]
-        rows.append([*cells, f"{ALPHA / place:.3f}" if place else ""])
-    return rows
+
+    def cells(row: Row | None) -> list[str]:
+        if row is None:
+            return ["", "", ""]
+        p = p_value(row.comparison.p)
+        return [Name(row.contender), f"{row.comparison.rank:.3f}", strong(p) if row.comparison.rejected else p]
+
+    side_by_side = zip_longest(*(ranking.rows for ranking in rankings))
+    return [
+        [*chain.from_iterable(map(cells, rows)), f"{ALPHA / place:.3f}" if place else ""]
+        for place, rows in enumerate(side_by_side)
+    ]
 
 
 def effect_table(ranking: Ranking) -> Table:
@@ -121,11 +121,10 @@ def sequence_table(study: StudySummary, measure: Measure, budget: int) -> Table:
     floors = [study.floor(measure, [sequence]) for sequence in study.sequences]
     if np.isfinite(floors).any():
         rows.append(["Floor: at the true angles", "", *(shown(floor, measure) for floor in floors)])
-    shown_cells = [study.cells[cell] for cell in study.grid if cell.evaluations == budget]
     own = "; our trackers at their own budgets" if study.others else ""
     caption = (
         f"{measure.title}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
-        f"{own}. {extent([*shown_cells, *study.cells_of(study.others, measure)])}."
+        f"{own}. {extent([*study.of_grid(evaluations=budget), *study.cells_of(study.others, measure)])}."
     )
     return Table(caption, ["Algorithm", "DOF", *study.sequences], rows, "sequences")
 

@@ -119,14 +119,8 @@ def open_clip(clip: Clip) -> OpenClip:
     if truth is not None:
         known = truth.frame_numbers < frames
         truth = truth.at_frames(known) if known.any() else None
-    return OpenClip(
-        fps=scene.rate,
-        subject=read_subject(clip.subject or _subject_file(scene)),
-        rig=scene.rig(clip.scale),
-        truth=truth,
-        frames=frames,
-        observations=islice(scene.observations(clip.scale), frames),
-    )
+    subject, masks = read_subject(clip.subject or _subject_file(scene)), islice(scene.observations(clip.scale), frames)
+    return OpenClip(scene.rate, subject, scene.rig(clip.scale), truth, frames, masks)
 
 
 def open_sequence(sequence: StudySequence) -> OpenClip:

@@ -26,14 +26,8 @@ from mmocap_warp.study.report_setting import mixture
 from mmocap_warp.study.store import CellTask, keep_earlier_cells, open_folder, plan_tasks, read_results
 from mmocap_warp.study.summary import StudySummary, seconds_alone, summarise, with_typical_pose
 
-SUMMARY = {
-    "mpjpe": "mpjpe_mm",
-    "eq20_as_printed": "eq20_as_printed_mm",
-    "marker_error": "marker_error_mm",
-    "iou": "iou",
-    "shake": "shake_mm",
-    "growth": "growth",
-}
+SUMMARY = {name: f"{name}_mm" for name in ("mpjpe", "eq20_as_printed", "marker_error", "iou", "shake", "growth")}
+SUMMARY |= {"iou": "iou", "growth": "growth"}
 """The measures of a tracker's summary, and their keys there."""
 
 
@@ -135,15 +129,14 @@ def _summaries(tasks: list[CellTask]) -> list[dict[str, Any]]:
         cell = task.job.cell
         groups.setdefault((cell.preset, cell.evaluations, cell.dof, cell.algorithm), []).append(task)
     rows = []
-    for (preset, evaluations, dof, algorithm), members in groups.items():
-        if not all(task.path.exists() for task in members):
-            continue
-        runs = [summarise(read_cell(task.path)).runs for task in members]
-        row = {"preset": preset, "evaluations": evaluations, "dof": dof, "algorithm": algorithm}
-        for measure, key in SUMMARY.items():
-            means = [float(of[measure].mean()) for of in runs if measure in of]
-            row[key] = sum(means) / len(means) if len(means) == len(runs) else None
-        rows.append(row)
+    for key, members in groups.items():
+        if all(task.path.exists() for task in members):
+            row = dict(zip(("preset", "evaluations", "dof", "algorithm"), key, strict=True))
+            runs = [summarise(read_cell(task.path)).runs for task in members]
+            for measure, name in SUMMARY.items():
+                means = [float(of[measure].mean()) for of in runs if measure in of]
+                row[name] = sum(means) / len(means) if len(means) == len(runs) else None
+            rows.append(row)
     return rows
 
 

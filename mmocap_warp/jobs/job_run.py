@@ -22,6 +22,9 @@ _CAPACITY = 16  # results that wait in memory for room on the disk; each has som
 _SECONDS_BETWEEN_TRIES = 5.0  # to store what waits
 
 
+Note, Keep = Callable[[str], None], Callable[[Any], Any]
+
+
 @dataclass(frozen=True)
 class Task(ABC):
     """A job whose result is a file."""
@@ -86,9 +89,9 @@ def run_jobs(
     tasks: Sequence[Task],
     engine: Callable[[], Engine],
     report: Callable[[Status], None],
-    note: Callable[[str], None],
+    note: Note,
     seconds: float | None = None,
-    keep: Callable[[Any], Any] = lambda result: result,
+    keep: Keep = lambda result: result,
 ) -> Status:
     """Do every job whose result is missing or damaged; returns where the run stands in the end.
 
@@ -131,14 +134,7 @@ class _Run:
     While the disk is full results wait in memory, so that none is lost if room is made in time.
     """
 
-    def __init__(
-        self,
-        missing: list[Task],
-        tasks: Sequence[Task],
-        note: Callable[[str], None],
-        seconds: float,
-        keep: Callable[[Any], Any],
-    ) -> None:
+    def __init__(self, missing: list[Task], tasks: Sequence[Task], note: Note, seconds: float, keep: Keep) -> None:
         self._pending, self._jobs, self._reused = list(missing), len(tasks), len(tasks) - len(missing)
         self._noun = tasks[0].noun if tasks else "job"
         self._note, self._keep, self._allowed = note, keep, seconds
@@ -212,18 +208,11 @@ class _Run:
         """Where the run stands now."""
         now = self._stopped or time.monotonic()
         running = sum(seat.advance.evaluations for seat in self._seats.values() if seat.advance)
-        return Status(
-            jobs=self._jobs,
-            reused=self._reused,
-            finished=self._finished,
-            unstored=len(self._waiting),
-            failures=dict(self._failures),
-            evaluations=self._spent + running,
-            evaluations_left=sum(task.evaluations for task in [*self._pending, *self._at_work]) - running,
-            seconds=now - self._started if self._started else 0.0,
-            seats=tuple(replace(seat) for _, seat in sorted(self._seats.items())),
-            noun=self._noun,
-        )
+        counts = self._jobs, self._reused, self._finished, len(self._waiting), dict(self._failures)
+        left = sum(task.evaluations for task in [*self._pending, *self._at_work]) - running
+        seconds = now - self._started if self._started else 0.0
+        seats = tuple(replace(seat) for _, seat in sorted(self._seats.items()))
+        return Status(*counts, self._spent + running, left, seconds, seats, self._noun)
 
     @property
     def _time_is_up(self) -> bool:

@@ -9,13 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations, islice
+from pathlib import Path
 
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation, unpack_masks
-from mmocap_warp.study.source import OpenClip
+from mmocap_warp.study.sequences import StudySequence
+from mmocap_warp.study.source import OpenClip, open_sequence
 from mmocap_warp.synthesis.bystanders import PasserBy, furniture
+from mmocap_warp.synthesis.writing import Progress, write_made_scene
 
 NONE = "none"
 """The recording as it is."""
@@ -200,3 +203,64 @@ def _clear_circle(clip: OpenClip) -> tuple[np.ndarray, float]:
     floor = root - np.outer(root @ up, up)
     middle = (np.nanmin(floor, axis=0) + np.nanmax(floor, axis=0)) / 2
     return middle, float(np.nanmax(np.linalg.norm(floor - middle, axis=1))) + _APART
+
+
+# ---- Writing a shipped sequence as an ordinary scene, whole or made worse, to look at or to track on its own.
+
+_FOREGROUND = """\
+# The study tracks these masks as they are, with all their faults.
+[foreground]
+source = "masks"
+keep = "all"
+"""
+
+
+def write_sequence(
+    folder: str | Path,
+    sequence: StudySequence,
+    progress: Progress | None = None,
+    *,
+    degradation: str = NONE,
+    seed: int = 0,
+) -> Path:
+    """Write a sequence as a scene whose observations are the sequence's own, bit for bit, or these made worse.
+
+    The folder gets ``masks/<camera>/<frame>.png`` (1 bit), ``calibration.toml``, ``truth.usdc`` (true markers with
+    their noise, joints and poses), ``subject.usdc`` (where tracking starts) and last ``scene.toml``. Files of the same
+    names are replaced.
+
+    ``progress`` is called after each frame. Returns the path of ``scene.toml``.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+        ValueError: a degradation that means nothing to this sequence.
+    """
+    worse = degraded(open_sequence(sequence), degradation, seed)
+    about = f"{sequence.name} of the study's shipped sequences, made up with known truth."
+    if degradation != NONE:
+        about += f" Made worse: {degradation}, seed {seed}."
+    return write_made_scene(
+        Path(folder),
+        _Streamed(worse),
+        worse.truth or sequence.truth,
+        name=sequence.name,
+        about=about,
+        foreground=_FOREGROUND,
+        subject=sequence.subject,
+        progress=progress,
+    )
+
+
+class _Streamed:
+    """A clip as footage."""
+
+    def __init__(self, clip: OpenClip) -> None:
+        self._clip = clip
+        self.fps, self.rig = clip.fps, clip.rig
+
+    def __len__(self) -> int:
+        return self._clip.frames
+
+    def masks(self, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) bool, of the next frame."""
+        return unpack_masks(next(self._clip.observations).words, self.rig.size)

@@ -15,7 +15,6 @@ from mmocap_warp.study.summary import (
     BASELINES,
     EQ_20,
     MEASURE_OF,
-    CellSummary,
     Contender,
     Measure,
     StudySummary,
@@ -196,24 +195,20 @@ def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -
     budgets = sorted({cell.evaluations for cell in others})
     at_budget = {budget: [cell for cell in others if cell.evaluations == budget] for budget in budgets}
     shared = {budget: _shared(study, cells, every) for budget, cells in at_budget.items()}
-    columns = [(budget, preset) for budget in budgets for preset in presets]
-    drawn: list[CellSummary] = []
+    columns, drawn = [(budget, preset) for budget in budgets for preset in presets], []
 
-    def mean(budget: int, preset: str, algorithm: str | None = None) -> str:
+    def mean(budget: int, preset: str, algorithms: Sequence[str]) -> str:
         """Over the cells that any preset has of the shared sequences; a dash where this preset lacks one."""
-        wanted = {
-            replace(cell, preset=preset)
-            for cell in at_budget[budget]
-            if cell.sequence in shared[budget] and algorithm in (None, cell.algorithm)
-        }
+        cells = (cell for cell in at_budget[budget] if cell.sequence in shared[budget] and cell.algorithm in algorithms)
+        wanted = {replace(cell, preset=preset) for cell in cells}
         found = [summary for cell in wanted if (summary := study.cells.get(cell)) and measure.key in summary.runs]
         drawn.extend(found)
         is_whole = found and len(found) == len(wanted)
         return shown(float(np.mean([cell.runs[measure.key].mean() for cell in found])), measure) if is_whole else DASH
 
     names = in_order(cell.algorithm for cell in others)
-    rows = [[algorithm_label(name), *(mean(*at, name) for at in columns)] for name in names]
-    rows.append(["All", *(mean(*at) for at in columns)])
+    rows = [[algorithm_label(name), *(mean(*at, [name]) for at in columns)] for name in names]
+    rows.append(["All", *(mean(*at, names) for at in columns)])
     for who in study.baseline_contenders:
         rows.append([str(who), *(shown(study.level(who, measure, shared[budget]), measure) for budget, _ in columns)])
     where = "; ".join(f"{budget:,} evaluations over {over(shared[budget])}" for budget in budgets)

@@ -84,11 +84,10 @@ def write_report(
 ) -> None:
     """Write the page, its tables as Markdown, and a CSV file with a line per cell; each whole or not at all.
 
-    Files that exist are replaced. For ``study``, ``clips`` and ``notes`` see :func:`render`.
+    Files that exist are replaced. For ``study``, ``clips`` and ``notes``, and the ValueError, see :func:`render`.
 
     Raises:
         InputError: a file cannot be written.
-        ValueError: see :func:`render`.
     """
     write_whole(page, render(study, clips, notes).encode())
     write_whole(tables, markdown_tables(study).encode())
@@ -174,22 +173,18 @@ def _titled(title: str, table: Table | None) -> str:
 def _csv_line(cell: CellSummary, measures: Sequence[Measure]) -> dict[str, object]:
     line: dict[str, object] = asdict(cell.cell) | {"seeds": len(cell.seeds), "frames": len(cell.frames)}
     for measure in measures:
-        runs = cell.runs.get(measure.key)
+        runs = cell.runs.get(measure.key, np.zeros(0))
         name = measure.key + _UNIT_SUFFIX.get(measure.unit, "")
-        line[name] = "" if runs is None else _significant(float(runs.mean()))
-        line[f"{name}_sd"] = "" if runs is None or len(runs) < 2 else _significant(float(runs.std(ddof=1)))
+        line[name] = _significant(float(runs.mean())) if len(runs) else ""
+        line[f"{name}_sd"] = _significant(float(runs.std(ddof=1))) if len(runs) > 1 else ""
         if measure.key in EQ_20:
             line[f"{measure.key}_floor_mm"] = _significant(cell.floors.get(measure.key, np.nan))
     main = measures[0].key
     for label, value in zip(("min", "q1", "median", "q3", "max"), cell.spread.get(main, [np.nan] * 5), strict=True):
         line[f"{main}_{label}"] = _significant(float(value))
-    return line | {
-        "frames_lost": _significant(cell.frames_lost),
-        "seconds": _significant(cell.seconds),
-        "evaluations_spent": cell.evaluations,
-        "device": cell.meta.get("versions", {}).get("device", ""),
-        "started": cell.meta.get("started", ""),
-    }
+    line |= {"frames_lost": _significant(cell.frames_lost), "seconds": _significant(cell.seconds)}
+    line |= {"evaluations_spent": cell.evaluations, "device": cell.meta.get("versions", {}).get("device", "")}
+    return line | {"started": cell.meta.get("started", "")}
 
 
 def _significant(value: float) -> str:

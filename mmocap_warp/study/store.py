@@ -9,6 +9,7 @@ import shutil
 import time
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -70,15 +71,9 @@ def content_key(plan: Plan, clip_identity: str, device_kind: str, code: str | No
     this kind of cell runs (``code``; by default the present one), and ``cpu`` or ``cuda``, whose arithmetic differs in
     the last bits.
     """
-    settings = asdict(plan.config)
-    del settings["device"], settings["threads"]
-    depends = {
-        "cell": asdict(plan.cell),
-        "clip": clip_identity,
-        "config": settings,
-        "code": code or code_of(plan.config, plan.clip, plan.solved),
-        "device": device_kind,
-    }
+    settings = {name: value for name, value in asdict(plan.config).items() if name not in ("device", "threads")}
+    depends = {"cell": asdict(plan.cell), "clip": clip_identity, "config": settings, "device": device_kind}
+    depends["code"] = code or code_of(plan.config, plan.clip, plan.solved)
     if plan.solved:
         depends["bodies"] = shipped_bodies()  # among them the one that is expected before anything is seen
     return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]
@@ -147,12 +142,10 @@ def keep_earlier_cells(
     for task, plan in zip(tasks, study.plans, strict=True):
         if not task.path.exists() and (file := _earlier_result(task, plan, device_kind)):
             earlier.setdefault(task.kind, []).append((task, file))
-    if not earlier:
-        return
     samples = {algorithm: sample_of(cells) for algorithm, cells in earlier.items()}
-
     # What the sample gives now decides about the rest.
-    track([task for sample in samples.values() for task, _ in sample])
+    if samples:
+        track([task for sample in samples.values() for task, _ in sample])
     for algorithm, cells in earlier.items():
         same = [task.path.exists() and _answer(task.path) == _answer(file) for task, file in samples[algorithm]]
         if not all(same):
@@ -173,13 +166,11 @@ def _earlier_result(task: CellTask, plan: Plan, device_kind: str) -> Path | None
     """A whole result of the cell whose key is the cell's own but for the code that the result names."""
     cell, *_ = task.path.name.rsplit(".", 2)
     for file in sorted(task.path.parent.glob(f"{cell}.*.npz")):
-        try:
+        with suppress(InputError):
             code = read_cell(file).meta.get("code", "")
-        except InputError:
-            continue
-        key = content_key(plan, task.job.clip_identity, device_kind, code)
-        if code and file == result_path(file.parent, plan.cell, key):
-            return file
+            key = content_key(plan, task.job.clip_identity, device_kind, code)
+            if code and file == result_path(file.parent, plan.cell, key):
+                return file
     return None
 
 

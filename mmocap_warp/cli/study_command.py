@@ -1,4 +1,4 @@
-"""``mmocap study``: trackers compared over a grid of sequences, models and budgets. ``mmocap bench``: their speed."""
+"""``mmocap batch``: many recordings. ``mmocap study``: trackers compared on a grid. ``mmocap bench``: their speed."""
 
 from __future__ import annotations
 
@@ -54,6 +54,21 @@ _LEGEND = (
     "partial of the frames with none of these over 50 mm off."
 )
 _ROW = ("clip", "purpose", "degradation", "start", "tracker")  # what a line of the table is about
+
+
+@command("batch:batch", order="steps plan output")
+def batch(call: Any, console: Console) -> Answer:
+    from mmocap_warp.cli.progress import JobsProgress
+
+    with JobsProgress("batch", quiet=console.quiet) as progress:
+        done = call(show=progress.show, reporter=progress)
+    failed = [{"scene": name, "problem": problem} for name, problem in done.failures.items()]
+    values = {"page": done.page, **attributes(done.status, finished_before="reused", finished_now="finished")}
+    values |= {"seconds": done.status.seconds, "failed": failed, "scenes": done.trials}
+    total = len(done.trials) + len(failed)
+    lines = [f"{done.page}: {len(done.trials)} of {total} scenes, {done.status.finished} of them new"]
+    lines += ["missing: {scene}: {problem}".format(**each) for each in failed]
+    return Answer(values, lines, FAILURE if failed else OK)
 
 
 @app.command(help="Write shipped sequences as scenes, to look at or to track on their own.", sort_key=0)

@@ -46,10 +46,7 @@ class Table(NamedTuple):
 def report_tables(report: Report, old: Report | None = None, answers: bool = False) -> list[Table]:
     """A table for each group; those of growth are plotted instead.
 
-    Args:
-        report: what ``suite.run_suite`` returns.
-        old: another, of which each line says how many times as quick it is now.
-        answers: a column that says how answers were checked.
+    Lines say how many times as quick as in an ``old`` report it is now, and how ``answers`` were checked.
     """
     before = {_key(row): row for row in old["measurements"]} if old else None
     groups: dict[str, list[Row]] = {}

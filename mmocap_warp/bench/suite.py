@@ -61,12 +61,9 @@ class Plan:
 
 
 def run_suite(plan: Plan, tell: Callable[[str], None], load: Workload | None = None) -> dict[str, Any]:
-    """Measure; raises nothing where an answer is wrong, but says so.
+    """Measure; raises nothing where an answer is wrong, but says so. ``tell`` is called with each step's name.
 
-    Args:
-        plan: what to measure.
-        tell: called with the name of each step.
-        load: what is evaluated, but for growth; the measure where omitted.
+    ``load`` is what is evaluated, but for growth; the measure where it is omitted.
     """
     started, clock, load_before = datetime.now(UTC), time.perf_counter(), _machine_load()
     compiled, load = _compiled_kernels(), load or workload()

@@ -97,13 +97,10 @@ class Workload:
 
 
 def workload(cameras: int = CAMERAS, size: tuple[int, int] = SIZE, triangles: int | None = None) -> Workload:
-    """The measure, or with other sizes.
+    """The measure, or with other sizes: of cameras on a ring, their width and height [px], and of the mesh.
 
-    Args:
-        cameras: on a ring around the body.
-        size: width and height of each [px]; the body fills the same share of it.
-        triangles: of the mesh; fewer than the body's own are made by decimation, more by subdivision: 4 times, 16 times
-            as many, and so on. Its own where omitted.
+    The body fills the same share of an image. Fewer triangles than its own are made by decimation, more by subdivision:
+    4 times, 16 times as many, and so on.
     """
     body = read_body(ROOT / "bodies" / "adult_man.usdc")
     return Workload(body if triangles is None else _with_triangles(body, triangles), _ring(cameras, size))

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.jobs.engine import Advance, Death, Engine, EngineLost, Event, Notice, Ready, Refusal
+from mmocap_warp.jobs.engine import Advance, Death, Engine, EngineLost, Notice, Ready, Refusal
 
 _ATTEMPTS = 3  # how often a job is begun whose workers die
 _WAIT = 0.5  # longest wait for the next event [s]
@@ -101,10 +101,9 @@ def run_jobs(
     Args:
         tasks: the jobs.
         engine: starts the workers; called only if something is missing.
-        report: called whenever something may have happened, at least twice a second.
+        report: called at least twice a second.
         note: called with a line that a person should read.
-        seconds: that the run may take. No job is begun that would take longer at the pace so far; what runs on all the
-            same is ended then.
+        seconds: that the run may take. No job is begun that would take longer at the pace so far.
         keep: what of a result is stored.
     """
     missing = []
@@ -255,7 +254,7 @@ class _Run:
             held = max(left, key=lambda each: left[each] / (1 + taken[each]))
         return max((task for task in pending if task.held == held), key=lambda task: task.work)
 
-    def _take(self, number: int, event: Event) -> None:
+    def _take(self, number: int, event: Any) -> None:
         """What has happened to a worker; a refusal or a result ends its job."""
         if isinstance(event, Ready):
             self._seats[number] = Seat(event.name)

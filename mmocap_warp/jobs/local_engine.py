@@ -15,18 +15,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from mmocap_warp.device.resolve import device_kind, resolve_device, start_quietly
-from mmocap_warp.jobs.engine import (
-    LESS_MEMORY,
-    Death,
-    Engine,
-    EngineLost,
-    Event,
-    MakeWorker,
-    Ready,
-    Seat,
-    Worker,
-    one_line,
-)
+from mmocap_warp.jobs.engine import LESS_MEMORY, Death, Engine, EngineLost, MakeWorker, Ready, Seat, one_line
 
 _GRACE = 5.0  # time that a worker has to end [s]
 
@@ -50,16 +39,11 @@ def local_devices(wanted: str) -> list[str]:
 
 
 class LocalEngine(Engine):
-    """One process per device.
+    """One process per device, see :func:`local_devices`, with so many CPU threads; None for all that may be used.
 
     Processes are never forks of this one, whose CUDA context would not survive it. On Linux they are forks of a process
-    that has imported what they need and has started nothing.
-
-    Args:
-        make: makes the worker of a process.
-        devices: Warp devices, such as ``cuda:0`` and ``cuda:1``, or ``cpu``; see :func:`local_devices`.
-        threads: CPU threads of each; None for all that this process may use.
-        serve: what a process does with its end of the connection, the device and the threads.
+    that has imported what they need and has started nothing. ``make`` makes the worker of a process, unless it is to
+    ``serve`` in another way.
     """
 
     def __init__(
@@ -80,12 +64,12 @@ class LocalEngine(Engine):
         with suppress(OSError):  # it died while it waited, which events() tells
             self._seats[worker].line.send(job)
 
-    def events(self, seconds: float) -> list[tuple[int, Event]]:
+    def events(self, seconds: float) -> list[tuple[int, Any]]:
         """See :class:`~mmocap_warp.jobs.engine.Engine`."""
         if not self._seats:
             raise EngineLost("every worker died while starting")
         by_connection = {seat.line: worker for worker, seat in self._seats.items()}
-        happened: list[tuple[int, Event]] = []
+        happened: list[tuple[int, Any]] = []
         for connection in wait(list(by_connection), seconds):
             worker = by_connection[connection]
             seat = self._seats[worker]
@@ -138,7 +122,7 @@ def serve_jobs(make: MakeWorker, connection: Connection, device: str, threads: i
                 connection.send(event)
 
 
-def _events_of(worker: Worker, job: Any) -> Iterator[Event]:
+def _events_of(worker: Any, job: Any) -> Iterator[Any]:
     try:
         yield from worker.work(job)
     except Exception as error:

@@ -19,7 +19,6 @@ from mmocap_warp.jobs.engine import (
     Death,
     Engine,
     EngineLost,
-    Event,
     MakeWorker,
     Notice,
     Ready,
@@ -49,8 +48,7 @@ class Shares:
 def join_cluster(address: str) -> str:
     """Connect this process to a running Ray cluster; returns the address of its head.
 
-    Args:
-        address: host and port of the head, or ``auto``: what ``RAY_ADDRESS`` says, or the cluster of this machine.
+    ``auto`` is what ``RAY_ADDRESS`` says, or the cluster of this machine.
 
     Raises:
         InputError: Ray is not installed, or there is no such cluster.
@@ -71,11 +69,9 @@ def join_cluster(address: str) -> str:
 
 
 def share_cluster(workers: int | None, gpus: float) -> Shares:
-    """How the cluster that this process has joined is shared out.
+    """How the cluster that this process has joined is shared out among workers that get so many ``gpus`` each.
 
-    Args:
-        workers: how many; None for one per ``gpus`` GPUs, or one per machine where there are no GPUs.
-        gpus: of each worker; 0 for none.
+    By default there is one worker for these, or one per machine where there are no GPUs.
 
     Raises:
         ValueError: numbers that make no sense, or more than the cluster has.
@@ -89,7 +85,9 @@ def share_cluster(workers: int | None, gpus: float) -> Shares:
     there = ray.cluster_resources()
     machines = [node["Resources"] for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU")]
     if gpus and there.get("GPU"):
-        places = sum(_places(machine.get("GPU", 0.0), gpus) for machine in machines)
+        # None is spread over two GPUs unless it gets whole ones.
+        here = (machine.get("GPU", 0.0) for machine in machines)
+        places = sum(int(each // gpus) if gpus >= 1 else int(each) * int(1 / gpus + 1e-9) for each in here)
         if (workers or 1) > places:
             raise ValueError(f"gpus must leave room for {workers or 1} workers, {gpus:g} each leave room for {places}")
         return Shares(workers or places, gpus, cpus=1)
@@ -101,11 +99,6 @@ def share_cluster(workers: int | None, gpus: float) -> Shares:
     if not cpus:
         raise ValueError(f"workers must be at most {int(there['CPU'])}, the cluster's CPU cores, got {count}")
     return Shares(count, 0.0, cpus)
-
-
-def _places(gpus: float, share: float) -> int:
-    """Workers that a machine's GPUs have room for; none is spread over two GPUs unless it gets whole ones."""
-    return int(gpus // share) if share >= 1 else int(gpus) * int(1 / share + 1e-9)
 
 
 class _Actor:
@@ -122,7 +115,7 @@ class _Actor:
         gpus = ",".join(map(str, ray.get_gpu_ids()))
         return f"{socket.gethostname()} {f'cuda:{gpus}' if gpus else self._worker.device}"
 
-    def work(self, job: Any) -> Iterator[Event]:
+    def work(self, job: Any) -> Iterator[Any]:
         """See :class:`~mmocap_warp.jobs.engine.Worker`."""
         yield from self._worker.work(job)
 
@@ -150,7 +143,7 @@ class RayEngine(Engine):
         seat = self._seats[worker]
         seat.line = seat.worker.work.options(num_returns="streaming").remote(job)
 
-    def events(self, seconds: float) -> list[tuple[int, Event]]:
+    def events(self, seconds: float) -> list[tuple[int, Any]]:
         """See :class:`~mmocap_warp.jobs.engine.Engine`."""
         import ray
 
@@ -186,7 +179,7 @@ class RayEngine(Engine):
         with suppress(ray.exceptions.RayError):
             ray.kill(seat.worker)
 
-    def _hear(self, worker: int) -> Event | None:
+    def _hear(self, worker: int) -> Any | None:
         """What a worker answers; None at the end of its job."""
         import ray
 
@@ -218,7 +211,9 @@ class RayEngine(Engine):
         import ray
 
         now = time.monotonic()
-        if any(node["Alive"] and _fits(self._shares, node["Resources"]) for node in ray.nodes()):
+        needed = {"CPU": self._shares.cpus, "GPU": self._shares.gpus}
+        there = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+        if any(all(machine.get(kind, 0.0) >= count for kind, count in needed.items()) for machine in there):
             self._deserted = None
         elif self._deserted is None:
             self._deserted = now
@@ -228,11 +223,6 @@ class RayEngine(Engine):
             problem = f"the Ray cluster at {self._head} has had no machine that a worker fits on for {_PATIENCE:.0f} s"
             raise EngineLost(problem)
         return []
-
-
-def _fits(shares: Shares, resources: dict[str, float]) -> bool:
-    """Whether a machine is large enough for a worker."""
-    return resources.get("CPU", 0.0) >= shares.cpus and resources.get("GPU", 0.0) >= shares.gpus
 
 
 def _knock(address: str) -> None:

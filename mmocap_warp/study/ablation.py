@@ -94,16 +94,10 @@ def purpose(clip: Clip) -> str:
 def run_ablation(
     folder: Path, cells: Sequence[AblationCell], report: Callable[[AblationCell, dict], None], track: Track
 ) -> list[dict[str, Any]]:
-    """Track the cells whose file is missing, and read the others.
+    """Track the cells whose file is missing in a folder that exists, and read the others.
 
-    Args:
-        folder: of the files; it exists.
-        cells: cells of one clip that follow each other share its masks in memory.
-        report: called with each cell and what :func:`measures` gave.
-        track: see ``Track``.
-
-    Returns:
-        A file's content a cell: ``cell``, ``settings``, ``measures`` and ``made``.
+    Cells of one clip that follow each other share its masks in memory. ``report`` is called with each cell and what
+    :func:`measures` gave. Of each cell a file's content is returned: ``cell``, ``settings``, ``measures`` and ``made``.
 
     Raises:
         InputError: a clip that cannot be opened, a folder that cannot be written to.

@@ -69,12 +69,10 @@ def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
 
 
 def judged(leads: Iterable[float], evidence: str, *, of_all: bool = False) -> Verdict:
-    """A claim's verdict and its evidence.
+    """A claim's verdict and its evidence, which may name how many ``{held}`` of how many ``{cases}``.
 
-    Args:
-        leads: of every case, above zero where it holds, below where it does not; zero is a tie.
-        evidence: may name how many ``{held}`` of how many ``{cases}``; ties are added.
-        of_all: the paper claims it of all cases, so that one exception refutes it, be it a tie.
+    The ``leads`` of cases are above zero where it holds, below where it does not; zero is a tie. What the paper claims
+    ``of_all`` cases one exception refutes, be it a tie.
     """
     signs = [int(np.sign(lead)) for lead in leads]
     held, tied = signs.count(1), signs.count(0)

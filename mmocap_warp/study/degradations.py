@@ -226,10 +226,8 @@ def write_sequence(
     """Write a sequence as a scene whose observations are the sequence's own, bit for bit, or these made worse.
 
     The folder gets ``masks/<camera>/<frame>.png`` (1 bit), ``calibration.toml``, ``truth.usdc`` (true markers with
-    their noise, joints and poses), ``subject.usdc`` (where tracking starts) and last ``scene.toml``. Files of the same
-    names are replaced.
-
-    ``progress`` is called after each frame. Returns the path of ``scene.toml``.
+    their noise, joints and poses), ``subject.usdc`` (where tracking starts) and last ``scene.toml``, whose path is
+    returned. Files of the same names are replaced. ``progress`` is called after each frame.
 
     Raises:
         InputError: a folder that cannot be written to.

@@ -132,14 +132,9 @@ class Worker:
 def solved_subject(
     clip: OpenClip, masks: Sequence[Observation], seed: int, device: str, threads: int | None
 ) -> Subject:
-    """A clip's subject in its first pose, with the body that frames of the clip's beginning show.
+    """A clip's subject in its first pose, with the body that frames of the clip's beginning show in its ``masks``.
 
-    Args:
-        clip: whose subject, cameras and frame rate count.
-        masks: of the clip's frames.
-        seed: of what follows the subject through these frames.
-        device: a Warp device.
-        threads: CPU threads; None for all that this process may use.
+    ``seed``, ``device`` and ``threads`` are of the tracker that follows the subject through these frames.
     """
     from mmocap_warp.fitting.clip_body import frames_to_follow, solve_body_in_clip
     from mmocap_warp.fitting.subject_fit import FitConfig
@@ -172,12 +167,9 @@ def _is_out_of_memory(error: Exception) -> bool:
 class _Pace:
     """Says when the next report is due."""
 
-    def __init__(self) -> None:
-        self._next = 0.0
+    _next = 0.0
 
     def due(self) -> bool:
-        now = time.monotonic()
-        if now < self._next:
-            return False
-        self._next = now + _SECONDS_BETWEEN_REPORTS
-        return True
+        is_due = (now := time.monotonic()) >= self._next
+        self._next = now + _SECONDS_BETWEEN_REPORTS if is_due else self._next
+        return is_due

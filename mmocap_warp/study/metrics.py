@@ -5,22 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from mmocap_warp.body.posing import skin_positions
+from mmocap_warp.result import pose_errors
 from mmocap_warp.result.marker_errors import marker_errors
-from mmocap_warp.result.pose_errors import (
-    HEAD_TOP,
-    LOST_LIMB,
-    aligned_error,
-    common_frames,
-    growth,
-    head_top,
-    nanmean,
-    on_all_frames,
-    second_differences,
-)
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth, at_rate
 
-TRUNK = ("Root", "Neck", HEAD_TOP)
+TRUNK = ("Root", "Neck", pose_errors.HEAD_TOP)
 """With the limbs' twelve they make HumanEva's fifteen joints: pelvis, thorax and top of the head, by our names."""
 
 _ERRORS = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe")
@@ -69,16 +59,18 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
     limb_lost = grown = unknown = np.full(shape[0], np.nan)
     if truth is not None:
         truth = at_rate(truth, result.fps)
-        mine, theirs = common_frames(result, truth)
+        mine, theirs = pose_errors.common_frames(result, truth)
         markers = marker_errors(result, truth, mine, theirs)
-        per_frame["eq20_as_printed"] = on_all_frames(markers.as_printed, mine, result)
-        per_frame["marker_error"] = on_all_frames(markers.from_own_answer, mine, result)
-        floors = (nanmean(each, axis=0) for each in (markers.as_printed_floor, markers.from_own_answer_floor))
+        per_frame["eq20_as_printed"] = pose_errors.on_all_frames(markers.as_printed, mine, result)
+        per_frame["marker_error"] = pose_errors.on_all_frames(markers.from_own_answer, mine, result)
+        floors = (
+            pose_errors.nanmean(each, axis=0) for each in (markers.as_printed_floor, markers.from_own_answer_floor)
+        )
         of_truth = dict(zip(_OF_TRUTH, (*map(float, floors), markers.left_out), strict=True))
         limb_lost = _judge_joints(result, joints[:, mine], truth, mine, theirs, per_frame)
-        grown = growth(per_frame["mpjpe"][:, mine])
-    per_frame |= {"iou": nanmean(result.iou, axis=2), "cost": result.cost}
-    shake = second_differences(joints, result.frame_numbers, result.fps)
+        grown = pose_errors.growth(per_frame["mpjpe"][:, mine])
+    per_frame |= {"iou": pose_errors.nanmean(result.iou, axis=2), "cost": result.cost}
+    shake = pose_errors.second_differences(joints, result.frame_numbers, result.fps)
     per_run = {
         "shake": np.median(shake, axis=(1, 2)) if shake.size else unknown,
         "growth": grown,
@@ -109,7 +101,7 @@ def jerk(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarra
     even = step == step.min()
     whole = even[:-2] & even[1:-1] & even[2:]
     third = np.diff(joints, n=3, axis=1)[:, whole] * (fps / step.min()) ** 3
-    return nanmean(np.linalg.norm(third, axis=-1), axis=(1, 2))
+    return pose_errors.nanmean(np.linalg.norm(third, axis=-1), axis=(1, 2))
 
 
 def foot_slide(result: Result) -> np.ndarray:
@@ -162,17 +154,20 @@ def _judge_joints(
     known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
     tracked = np.stack([_tracked(result, joints, mine, name) for name in names], axis=2)
     distance = np.linalg.norm(tracked - known, axis=-1)  # (run, common frame, joint)
-    errors = {"joint_error": nanmean(distance, axis=2), "mpjpe": nanmean(distance[..., limbs], axis=2)}
-    errors["pa_mpjpe"] = aligned_error(tracked[:, :, limbs], known[:, limbs])
-    per_frame |= {name: on_all_frames(error, mine, result) for name, error in errors.items()}
-    lost = (distance[..., ends] > LOST_LIMB).any(axis=2).sum(axis=1)
+    errors = {
+        "joint_error": pose_errors.nanmean(distance, axis=2),
+        "mpjpe": pose_errors.nanmean(distance[..., limbs], axis=2),
+    }
+    errors["pa_mpjpe"] = pose_errors.aligned_error(tracked[:, :, limbs], known[:, limbs])
+    per_frame |= {name: pose_errors.on_all_frames(error, mine, result) for name, error in errors.items()}
+    lost = (distance[..., ends] > pose_errors.LOST_LIMB).any(axis=2).sum(axis=1)
     return lost.astype(float) if ends else np.full(len(joints), np.nan)
 
 
 def _tracked(result: Result, joints: np.ndarray, mine: np.ndarray, name: str) -> np.ndarray:
     """(run, common frame, 3): where the body has the joint; ``joints`` are (run, common frame, joint, 3)."""
-    if name != HEAD_TOP:
+    if name != pose_errors.HEAD_TOP:
         return joints[:, :, result.subject.body.skeleton.index(name)]
     pose = result.pose[:, mine].reshape(-1, result.pose.shape[2])
-    top = skin_positions(result.subject, pose, np.array([head_top(result.subject.body)]))
+    top = skin_positions(result.subject, pose, np.array([pose_errors.head_top(result.subject.body)]))
     return top.reshape(*joints.shape[:2], 3).astype(np.float64)

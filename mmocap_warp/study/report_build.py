@@ -35,12 +35,7 @@ _UNIT_SUFFIX = {"mm": "_mm", "%": "_percent", "mm/s": "_mm_per_s", "m/s³": "_m_
 
 
 def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] = ()) -> str:
-    """The whole page.
-
-    Args:
-        study: what it is about; one cell at least.
-        clips: the recordings at hand by sequence, for pictures of the tracked body.
-        notes: remarks for the section on the setting, such as on files that could not be read.
+    """The whole page. ``clips`` are the recordings at hand by sequence, for pictures; ``notes`` go to the setting.
 
     Raises:
         ValueError: a study without a measure that every figure could show.

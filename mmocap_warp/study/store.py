@@ -126,16 +126,9 @@ def keep_earlier_cells(
 ) -> None:
     """Take over results that differ from what is missing in their code alone, algorithm by algorithm.
 
-    The first, the middle and the last of an algorithm's cells are tracked again. Where all of them have the bits that
-    they had, the others are copied under the names that this code gives them; they go on naming the code that they
-    come from.
-
-    Args:
-        study: whose cells.
-        tasks: all of them.
-        device_kind: ``cpu`` or ``cuda``.
-        track: tracks the cells that it is given, and stores their results.
-        note: called with a line for each algorithm.
+    The first, the middle and the last of an algorithm's cells are tracked again, by ``track``. Where all of them have
+    the bits that they had, the others are copied under the names that this code gives them; they go on naming the code
+    that they come from. A note is made of each algorithm.
     """
     # What lies there of other code, and a sample of it.
     earlier: dict[str, list[tuple[CellTask, Path]]] = {}

@@ -36,6 +36,8 @@ from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.jobs.engine import Advance, Refusal
 from mmocap_warp.jobs.job_run import Status, Task, run_jobs
 from mmocap_warp.jobs.local_engine import local_devices
+from mmocap_warp.result.result import Result
+from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.source import file_hash, recording_facts
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -50,11 +52,16 @@ _SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
     kind: {each.name for each in fields(config)} - {"device", "threads"}
     for kind, config in (("fit", FitConfig), ("track", TrackConfig))
 }
-_FIGURES = ("mean_iou", "worst_iou", "mpjpe_mm", "marker_error_mm")  # of an evaluation, for the page
+_COLUMNS = {"frames": "", "mean_iou": ".3f", "worst_iou": ".3f", "trusted": ".0%", "mpjpe_mm": ".1f"}
+_COLUMNS |= {"marker_error_mm": ".1f"}  # of the page, with their formats
+_FIGURES = [name for name in _COLUMNS if name not in ("frames", "trusted")]  # of an evaluation
 _THUMBNAIL = 320  # longer side [px]
 
 Settings = dict[str, dict[str, Any]]
 """Of the commands ``mask``, ``fit`` and ``track``."""
+
+Rule = tuple[str, str | None, Settings]
+"""A pattern of names, the person whose recordings these are, and settings."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +82,7 @@ class TrialTask(Task):
 
     noun = "scene"
 
-    def check(self) -> None:
-        """See :class:`~mmocap_warp.jobs.job_run.Task`."""
-        self.record()
-
-    def record(self) -> dict[str, Any]:
+    def check(self) -> dict[str, Any]:
         """What was done; an InputError if that is damaged."""
         try:
             return dict(json.loads(read_text(self.path, "run the batch again")))
@@ -91,14 +94,11 @@ class TrialTask(Task):
         write_whole(self.path, json.dumps(result, indent=1, allow_nan=False).encode())
 
 
-class _Notes(Reporter):
+class _Notes(list[str], Reporter):
     """Keeps what is wrong."""
 
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
     def warn(self, line: str) -> None:
-        self.lines.append(line)
+        self.append(line)
 
 
 class TrialWorker:
@@ -123,21 +123,20 @@ class TrialWorker:
             yield Refusal(" ".join(str(error).split()))
 
     def _fitted(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
-        """Write the body of a person."""
-        costs, bodies = [], []
+        """Write the body of a person: that of the recording whose masks a fit explains best."""
+        fits = []
         for number, scene in enumerate(job.scenes):
             yield Advance("fit", number, len(job.scenes), 0)
-            subject = track.fit(scene, **self._where | job.settings["fit"])
-            costs.append(float(subject.provenance["fit.cost"]))
-            bodies.append(subject.body)
+            fits.append(track.fit(scene, **self._where | job.settings["fit"]))
+        costs = [float(subject.provenance["fit.cost"]) for subject in fits]
         best = costs.index(min(costs))
-        write_body(job.folder / "body.usdc", bodies[best])
+        write_body(job.folder / "body.usdc", fits[best].body)
         yield {"name": job.name, "scene": str(job.scenes[best])}
 
     def _done(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
         notes, started, settings = _Notes(), time.perf_counter(), job.settings
         (scene,), result, subject = job.scenes, job.folder / "result.usdc", None
-        record: dict[str, Any] = {"name": job.name, "scene": str(scene), "notes": notes.lines}
+        record: dict[str, Any] = {"name": job.name, "scene": str(scene), "notes": notes}
         for number, step in enumerate(job.steps):
             yield Advance(step, number, len(job.steps), 0)
             if step == "mask" and load_scene(scene).foreground.source != "masks":
@@ -161,14 +160,13 @@ class TrialWorker:
                 show.export(result, result.with_suffix(f".{step[7:]}"), force=True)
             elif step == "view":
                 show.view(result, scene, output=job.folder / "view.html", force=True, name=job.name, reporter=notes)
-                record["thumbnail"] = _thumbnail(result, scene)
+                record["thumbnail"] = _thumbnail(read_result(result), load_scene(scene))
         yield record | {"seconds": time.perf_counter() - started}
 
 
-def _thumbnail(result: Path, scene: Path) -> str:
+def _thumbnail(result: Result, scene: Scene) -> str:
     """The body over what the first camera saw in the middle, as a small JPEG picture in base64."""
-    tracked, recorded = read_result(result), load_scene(scene)
-    picture = overlay(tracked, recorded, len(tracked.frame_numbers) // 2)[..., ::-1]
+    picture = overlay(result, scene, len(result.frame_numbers) // 2)[..., ::-1]
     share = _THUMBNAIL / max(picture.shape[:2])
     small = cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
     return base64.b64encode(cv2.imencode(".jpg", small)[1].tobytes()).decode()
@@ -255,15 +253,14 @@ def batch(
 
     # Persons first: their recordings start from their bodies.
     first = run(people) if people else None
-    problems = first.failures if first else {}
-    unknown = {task.job.folder / "body.usdc": problems.get(task.name) for task in people}
-    for task in trials:
-        if problem := unknown.get(task.job.body):
-            failures[str(task.name)] = f"the person's body is not known: {problem}"
+    for task in people if first else ():
+        if problem := first.failures.get(task.name):
+            of_person = (each for each in trials if each.job.body and each.job.body.parent == task.job.folder)
+            failures |= {each.name: f"{task.name} could not be fitted: {problem}" for each in of_person}
     trials = [task for task in trials if task.name not in failures]
     status = run(trials, first.seconds if first else 0.0)
     failures |= status.failures
-    done = [task.record() for task in trials if task.name not in failures]
+    done = [task.check() for task in trials if task.name not in failures]
     page = folder / "index.html"
     write_whole(page, _page(folder.resolve().name, done, failures).encode())
     return BatchRun(page, status, done, failures)
@@ -302,35 +299,30 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
     return named
 
 
-def _rules(file: Path) -> list[tuple[str, str | None, Settings]]:
+def _rules(file: Path) -> list[Rule]:
     """Patterns of names, whose recordings these are, and their settings; later ones win."""
-    table = load_toml(file)
+    table, rules = load_toml(file), []
     every = [Table(values, str(file), f"scenes {n}") for n, values in enumerate(table.take("scenes", list, []), 1)]
-    rules = []
     for part in (table, *every):
         pattern, person = ("*", None) if part is table else (part.take("match", str), part.take("person", str, None))
-        found = {kind: part.take_table(kind) for kind in _SETTINGS}
+        parts = {kind: part.take_table(kind) for kind in _SETTINGS}
         part.finish()
         if person is not None:
             file_name(person, f"{file}: person")
-        values = {kind: of.take_rest() for kind, of in found.items()}
+        values = {kind: of.take_rest() for kind, of in parts.items()}
         for kind, names in _SETTINGS.items():
             if wrong := sorted(values[kind].keys() - names):
-                raise found[kind].error(f"{wrong[0]} is not known", f"use one of {', '.join(sorted(names))}")
+                raise parts[kind].error(f"{wrong[0]} is not known", f"use one of {', '.join(sorted(names))}")
         rules.append((pattern, person, values))
     return rules
 
 
 def _planned(
-    files: dict[str, Path],
-    folder: Path,
-    steps: tuple[str, ...],
-    rules: list[tuple[str, str | None, Settings]],
-    device_kind: str,
+    files: dict[str, Path], folder: Path, steps: tuple[str, ...], rules: list[Rule], device_kind: str
 ) -> tuple[list[TrialTask], list[TrialTask], dict[str, str]]:
     """Tasks of persons and of recordings, and why other recordings cannot even be read."""
     known: dict[str, tuple[str | None, Settings, dict[str, Any]]] = {}
-    failures = {}
+    failures: dict[str, str] = {}
     for name, file in files.items():
         of = [rule for rule in rules if fnmatch(name, rule[0])]
         person = next((whose for _, whose, _ in reversed(of) if whose), None)
@@ -342,50 +334,35 @@ def _planned(
         except InputError as error:
             failures[name] = " ".join(str(error).split())
 
-    def task(name: str, scenes: list[Path], place: Path, settings: Settings, *of: Any, depends: Any) -> TrialTask:
-        text = json.dumps([depends, settings, of, device_kind, __version__], sort_keys=True, default=str)
-        key = hashlib.sha256(text.encode()).hexdigest()[:20]
-        job = Trial(name, tuple(scenes), place, key, settings, *of)
-        return TrialTask(job, place / f"done.{key}.json", name)
+    def task(place: str, name: str, scenes: list[str], settings: Settings, *steps: str, of: Any = None) -> TrialTask:
+        depends = [[known[scene][2] for scene in scenes], settings, steps, of and of.job.key, device_kind, __version__]
+        key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:20]
+        where, body = folder / place / name, of and of.job.folder / "body.usdc"
+        job = Trial(name, tuple(files[scene] for scene in scenes), where, key, settings, steps, body)
+        return TrialTask(job, where / f"done.{key}.json", name)
 
-    people, trials = {}, []
-    for name, (person, settings, facts) in known.items():
+    people: dict[str | None, TrialTask] = {}
+    trials = []
+    for name, (person, settings, _) in known.items():
         if person is not None and person not in people:
-            first = [other for other, (whose, *_) in known.items() if whose == person][:_FITTED]
-            depends = [known[other][2] for other in first]
-            place = folder / "people" / person
-            people[person] = task(person, [files[other] for other in first], place, settings, depends=depends)
-        of = people.get(person) if person else None
-        body = of.job.folder / "body.usdc" if of else None
-        depends = [facts, of.job.key if of else None]
-        trials.append(task(name, [files[name]], folder / "trials" / name, settings, steps, body, depends=depends))
+            theirs = [other for other, (whose, *_) in known.items() if whose == person]
+            people[person] = task("people", person, theirs[:_FITTED], settings)
+        trials.append(task("trials", name, [name], settings, *steps, of=people.get(person)))
     return list(people.values()), trials, failures
 
 
 def _page(title: str, done: list[dict[str, Any]], failures: dict[str, str]) -> str:
     """A row for each recording, those that failed first."""
-    rows = [
-        f'<tr><td>{escape(name)}</td><td class="failed" colspan="9">{escape(problem)}</td></tr>'
-        for name, problem in failures.items()
-    ]
-    forms = {
-        "frames": "",
-        "mean_iou": ".3f",
-        "worst_iou": ".3f",
-        "trusted": ".0%",
-        "mpjpe_mm": ".1f",
-        "marker_error_mm": ".1f",
-    }
+    failed = '<tr><td>{}</td><td class="failed" colspan="9">{}</td></tr>'
+    rows = [failed.format(*map(escape, each)) for each in failures.items()]
     for each in done:
-        name = escape(each["name"])
-        link = f'<a href="trials/{quote(each["name"])}/view.html">{name}</a>' if "thumbnail" in each else name
-        picture = f'<img alt="" src="data:image/jpeg;base64,{each["thumbnail"]}"/>' if "thumbnail" in each else ""
-        cells = [format(each[key], form) if key in each else "" for key, form in forms.items()]
-        cells += [f"{each['seconds']:.0f} s", escape("; ".join(each["notes"]))]
-        rows.append("".join(f"<td>{cell}</td>" for cell in (link, picture, *cells)).join(("<tr>", "</tr>")))
+        name, picture = escape(each["name"]), ""
+        if "thumbnail" in each:
+            picture = f'<img alt="" src="data:image/jpeg;base64,{each["thumbnail"]}"/>'
+            name = f'<a href="trials/{quote(each["name"])}/view.html">{name}</a>'
+        cells = [format(each[key], form) if key in each else "" for key, form in _COLUMNS.items()]
+        cells = [name, picture, *cells, f"{each['seconds']:.0f} s", escape("; ".join(each["notes"]))]
+        rows.append(f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
     lead = f"{len(done)} recordings are done, {len(failures)} are not. Written by mmocap-warp {__version__}."
-    here = "mmocap_warp.display.page"
-    style, script = resource(here, "batch.css"), resource(here, "batch.js")
-    return filled(
-        resource(here, "batch.html"), title=title, script=script, style=style, lead=lead, rows="\n".join(rows)
-    )
+    template, style, script = (resource("mmocap_warp.display.page", f"batch.{kind}") for kind in ("html", "css", "js"))
+    return filled(template, title=title, script=script, style=style, lead=lead, rows="\n".join(rows))

@@ -41,7 +41,7 @@ class Task(ABC):
     order: int = 0  # those of a lower one are done first
 
     @abstractmethod
-    def check(self) -> None:
+    def check(self) -> Any:
         """Read the result; an InputError if it is damaged."""
 
     @abstractmethod

@@ -224,3 +224,17 @@ def test_files_of_others_are_left_alone(made, here, tmp_path):
         done = mm.batch([made / "b"], tmp_path / "out", steps="track")
     assert list(done.failures) == ["b"]
     assert mine.read_text() == "mine"
+
+
+def test_recordings_of_a_person_who_cannot_be_fitted_fail_and_the_others_go_on(made, here, tmp_path, monkeypatch):
+    def fit(scene, *_, **__):
+        raise mm.InputError(scene, "shows nobody", "look at it")
+
+    monkeypatch.setattr(module.track, "fit", fit)
+    plan = tmp_path / "plan.toml"
+    plan.write_text('[track]\nevaluations = 30\n[[scenes]]\nmatch = "a/*"\nperson = "Anna"\n')
+    with pytest.warns(UserWarning, match="Anna: given up: .*shows nobody"):
+        done = mm.batch([made / name for name in ("a/one", "b")], tmp_path / "out", steps="track", plan=plan)
+    assert [each["name"] for each in done.trials] == ["b"]
+    assert list(done.failures) == ["a/one"]
+    assert done.failures["a/one"].startswith("Anna could not be fitted: ")

@@ -174,20 +174,14 @@ def _thumbnail(result: Result, scene: Scene) -> str:
 
 @dataclass(frozen=True)
 class BatchRun:
-    """Where a batch stands after a run.
+    """Where a batch stands after a run."""
 
-    Attributes:
-        page: the HTML page, a row for each recording.
-        status: of the recordings: how many are done, and how fast.
-        trials: what is known of every recording that is done: its ``name``, ``scene``, ``frames``, ``seconds``, and the
-            figures of its evaluation.
-        failures: recordings that are not done, by name, and why.
-    """
-
-    page: Path
-    status: Status
+    page: Path  # the HTML page, a row for each recording
+    status: Status  # of the recordings: how many are done, and how fast
+    # what is known of every recording that is done: its ``name``, ``scene``, ``frames``, ``seconds``, and the figures
+    # of its evaluation
     trials: list[dict[str, Any]]
-    failures: dict[str, str]
+    failures: dict[str, str]  # recordings that are not done, by name, and why
 
 
 @releases_locks

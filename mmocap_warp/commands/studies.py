@@ -33,19 +33,13 @@ SUMMARY |= {"iou": "iou", "growth": "growth"}
 
 @dataclass(frozen=True)
 class StudyRun:
-    """Where a study stands after a run.
+    """Where a study stands after a run."""
 
-    Attributes:
-        name: the study's.
-        folder: of its results.
-        status: what was tracked, and what is missing.
-        results: of every tracker whose sequences are all there: its preset, evaluations, dof, algorithm, and the means
-            over sequences, seeds and frames of the measures in ``SUMMARY``.
-    """
-
-    name: str
-    folder: Path
-    status: Status
+    name: str  # the study's
+    folder: Path  # of its results
+    status: Status  # what was tracked, and what is missing
+    # of every tracker whose sequences are all there: its preset, evaluations, dof, algorithm, and the means over
+    # sequences, seeds and frames of the measures in ``SUMMARY``
     results: list[dict[str, Any]]
 
 
@@ -142,23 +136,14 @@ def _summaries(tasks: list[CellTask]) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class StudyReport:
-    """A study's report that was written.
+    """A study's report that was written."""
 
-    Attributes:
-        page: the HTML page.
-        tables: its tables as text.
-        cells: a ``.csv`` with a line for each cell.
-        count: of the results in it.
-        left_out: results that could not be read, a sentence each.
-        mixed_code: what the results' code has in it that differs; empty if all are of one state.
-    """
-
-    page: Path
-    tables: Path
-    cells: Path
-    count: int
-    left_out: list[str]
-    mixed_code: str
+    page: Path  # the HTML page
+    tables: Path  # its tables as text
+    cells: Path  # a ``.csv`` with a line for each cell
+    count: int  # of the results in it
+    left_out: list[str]  # results that could not be read, a sentence each
+    mixed_code: str  # what the results' code has in it that differs; empty if all are of one state
 
 
 @releases_locks

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.jobs.engine import Advance, Death, Engine, EngineLost, Notice, Ready, Refusal
@@ -22,7 +22,8 @@ _CAPACITY = 16  # results that wait in memory for room on the disk; each has som
 _SECONDS_BETWEEN_TRIES = 5.0  # to store what waits
 
 
-Note, Keep = Callable[[str], None], Callable[[Any], Any]
+Note: TypeAlias = Callable[[str], None]
+Keep: TypeAlias = Callable[[Any], Any]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,8 +51,7 @@ def all_trackers(study: StudySummary) -> Table:
     return Table(caption, ["Tracker", *(each.title for each in measures), "ms a frame, alone", "seeds"], rows)
 
 
-@dataclass(frozen=True)
-class Lead:
+class Lead(NamedTuple):
     """Our tracker against the best of the grid on a sequence."""
 
     sequence: str
@@ -59,21 +59,9 @@ class Lead:
     best: Contender  # of the grid
     error: tuple[float, float]  # of ours and of the best, by the main measure
     seconds: tuple[float, float]  # that a frame of a run takes either of them alone; NaN where unknown
-
-    @property
-    def half(self) -> bool:
-        """Whether ours has at most half the error."""
-        return self.error[0] <= 0.5 * self.error[1]
-
-    @property
-    def timed(self) -> bool:
-        """Whether both times are known."""
-        return bool(np.isfinite(self.seconds).all())
-
-    @property
-    def tenth(self) -> bool:
-        """Whether ours takes at most a tenth of the time."""
-        return self.seconds[0] <= 0.1 * self.seconds[1]
+    half: bool  # whether ours has at most half the error
+    timed: bool  # whether both times are known
+    tenth: bool  # whether ours takes at most a tenth of the time
 
 
 def leads(study: StudySummary, sequences: Iterable[str]) -> list[Lead]:
@@ -92,7 +80,9 @@ def leads(study: StudySummary, sequences: Iterable[str]) -> list[Lead]:
         if levels and np.isfinite(error):
             best = min(levels, key=lambda who: (main.sign * levels[who], who))
             seconds = study.milliseconds(ours) / 1000, study.milliseconds(best) / 1000
-            found.append(Lead(sequence, ours, best, (error, levels[best]), seconds))
+            timed, tenth = bool(np.isfinite(seconds).all()), seconds[0] <= 0.1 * seconds[1]
+            both, half = (error, levels[best]), error <= 0.5 * levels[best]
+            found.append(Lead(sequence, ours, best, both, seconds, half, timed, tenth))
     return found
 
 

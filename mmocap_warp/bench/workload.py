@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -130,10 +131,10 @@ def _with_triangles(body: BodyModel, triangles: int) -> BodyModel:
     while len(mesh.face) < triangles:
         mesh = _subdivided(mesh)
     vertices = len(mesh.rest)
-    tracked = {"tracking_vertex": np.arange(vertices, dtype=np.int32), "tracking_face": mesh.face}
-    shapes = {"shape_vertex": np.zeros((0, vertices, 3), np.float32), "shape_joint": body.shape_joint[:0]}
-    unmarked = {"shape_names": (), "marker_names": (), "marker_vertex": np.zeros(0, np.int32)}
-    return replace(body, skin=mesh, **tracked, **shapes, **unmarked)
+    other: dict[str, Any] = {"tracking_vertex": np.arange(vertices, dtype=np.int32), "tracking_face": mesh.face}
+    other |= {"shape_vertex": np.zeros((0, vertices, 3), np.float32), "shape_joint": body.shape_joint[:0]}
+    other |= {"shape_names": (), "marker_names": (), "marker_vertex": np.zeros(0, np.int32)}
+    return replace(body, skin=mesh, **other)
 
 
 def _subdivided(mesh: SkinMesh) -> SkinMesh:

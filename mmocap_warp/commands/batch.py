@@ -106,7 +106,7 @@ class TrialWorker:
 
     def __init__(self, device: str, threads: int | None = None) -> None:
         self.device = resolve_device(device)
-        self._where = {"device": self.device, "threads": threads}
+        self._where: dict[str, Any] = {"device": self.device, "threads": threads}
 
     def work(self, job: Trial) -> Iterator[Advance | Refusal | dict[str, Any]]:
         """Do the steps: tells of each, and last what they gave, or why they could not be done."""
@@ -247,10 +247,11 @@ def batch(
 
     # Persons first: their recordings start from their bodies.
     first = run(people) if people else None
-    for task in people if first else ():
-        if problem := first.failures.get(task.name):
-            of_person = (each for each in trials if each.job.body and each.job.body.parent == task.job.folder)
-            failures |= {each.name: f"{task.name} could not be fitted: {problem}" for each in of_person}
+    unfitted = first.failures if first else {}
+    for task in trials:
+        person = task.job.body.parent.name if task.job.body else None
+        if person in unfitted:
+            failures[task.job.name] = f"{person} could not be fitted: {unfitted[person]}"
     trials = [task for task in trials if task.name not in failures]
     status = run(trials, first.seconds if first else 0.0)
     failures |= status.failures

@@ -178,7 +178,12 @@ def _tracked(cell: AblationCell, take: OpenClip, track: Track) -> dict[str, Any]
     started = datetime.now(UTC).isoformat(timespec="seconds")
     result = track(take.subject, take.rig, take.observations, take.fps, cell.settings, cell.seed)
     clip, code = cell.clip, code_hash("study.ablation")
-    about = {"clip": clip.name, "purpose": purpose(clip), "degradation": cell.degradation, "start": cell.start}
+    about: dict[str, Any] = {
+        "clip": clip.name,
+        "purpose": purpose(clip),
+        "degradation": cell.degradation,
+        "start": cell.start,
+    }
     about |= {"tracker": cell.label, "seed": cell.seed, "frames": take.frames, "scale": clip.scale}
     made = {"started": started, "host": socket.gethostname(), "versions": result.versions, "code": code}
     return {"cell": about, "settings": result.config, "measures": measures(result, take.truth), "made": made}
@@ -188,7 +193,12 @@ def _path(folder: Path, cell: AblationCell, identity: str) -> Path:
     """Where a cell's file lies: a name for people, then a hash of all that it depends on."""
     settings = asdict(replace(cell.settings, seed=cell.seed, runs=1))
     kind, _ = device_kind(settings.pop("device")), settings.pop("threads")
-    depends = {"clip": identity, "degradation": cell.degradation, "start": cell.start, "settings": settings}
+    depends: dict[str, Any] = {
+        "clip": identity,
+        "degradation": cell.degradation,
+        "start": cell.start,
+        "settings": settings,
+    }
     depends |= {"device": kind, "code": code_hash("study.ablation"), "package": __version__, "version": _VERSION}
     key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]
     name = f"{cell.clip.name}-{cell.degradation}-{cell.start}-{cell.label}-{cell.seed}"

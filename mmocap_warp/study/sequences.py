@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,7 @@ _SIZE = (640, 480)
 _DIGITS = 12  # of rotations; poses and truth have fewer: machines whose sines differ in the last digit agree on them
 
 _DATA: dict[str, dict[str, list]] = tomllib.loads(files(__package__).joinpath("sequences.toml").read_text("utf-8"))
-_CAMERAS = _DATA["cameras"]
+_CAMERAS: dict[str, Any] = _DATA["cameras"]
 _COLOUR = Contrast(halo=0.3, flicker=0.3, ragged=0.6, holes=1.2, specks=1.0, shadow=0.15, dropouts=0.5)
 _GREY = Contrast(halo=0.6, flicker=0.5, ragged=0.9, holes=2.5, specks=2.0, shadow=0.45, dropouts=1.5)
 _LIGHT = np.array([0.45, -0.3, -1.0])  # where the lamps shine to

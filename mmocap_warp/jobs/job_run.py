@@ -181,18 +181,17 @@ class _Run:
         """Try to store what waits, if the last try was long enough ago."""
         if time.monotonic() < self._next_try:
             return
-        for path, (task, result) in [*self._waiting.items()]:
-            try:
+        try:
+            for path, (task, result) in [*self._waiting.items()]:
                 task.store(result)
-            except InputError as error:
-                self._next_try = time.monotonic() + _SECONDS_BETWEEN_TRIES
-                if not self._disk_problem:
-                    self._note(f"{error}; results wait in memory until then")
-                self._disk_problem = str(error)
-                return
-            del self._waiting[path]
-            self._finished += 1
-        self._disk_problem, self._next_try = "", 0.0
+                del self._waiting[path]
+                self._finished += 1
+            self._disk_problem = ""
+        except InputError as error:
+            self._next_try = time.monotonic() + _SECONDS_BETWEEN_TRIES
+            if not self._disk_problem:
+                self._note(f"{error}; results wait in memory until then")
+            self._disk_problem = str(error)
 
     def _room_is_made(self, report: Callable[[Status], None]) -> bool:
         """Wait for room on the disk; returns whether it came."""

@@ -101,14 +101,10 @@ def cut_out(clip: OpenClip, views: int) -> OpenClip:
 
     It stays where it is, and is half as wide and as high as the person stands when it begins.
     """
-    half = round(_CUT_SECONDS / 2 * clip.fps)
-    first, last = clip.frames // 2 - half, clip.frames // 2 + half
-    blocks: dict[int, tuple[slice, slice]] = {}
+    half, blocks = round(_CUT_SECONDS / 2 * clip.fps), {}
 
     def cut(frame: int, masks: Masks) -> Masks:
-        if not first <= frame < last:
-            return masks
-        for k, mask in enumerate(masks[:views]):
+        for k, mask in enumerate(masks[:views] if -half <= frame - clip.frames // 2 < half else ()):
             if k not in blocks and mask.any():
                 rows, columns = np.nonzero(mask)
                 reach = round(_CUT_SHARE / 2 * (rows.max() + 1 - rows.min()))

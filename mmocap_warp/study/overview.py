@@ -88,10 +88,9 @@ def leads(study: StudySummary, sequences: Iterable[str]) -> list[Lead]:
 
 def lead_table(study: StudySummary, sequences: Sequence[str]) -> Table | None:
     """:func:`leads` with both readings of Eq. 20 beside; None without any."""
-    found = leads(study, sequences)
+    found, main = leads(study, sequences), study.measures[0]
     if not found:
         return None
-    main = study.measures[0]
     readings = [measure for measure in study.measures if measure.key in EQ_20]
     rows, cells = [], []
     for lead in found:
@@ -226,10 +225,8 @@ def which_half(study: StudySummary) -> list[str]:
     sentences = []
     for title in table.head:
         budget, _, preset = title.partition(": ")
-        halves = {
-            "0.5 rad and 0.02 m": f"{budget}: paper-rotation",
-            "0.02 rad and 0.5 m": f"{budget}: paper-translation",
-        }
+        pairs = {"0.5 rad and 0.02 m": "paper-rotation", "0.02 rad and 0.5 m": "paper-translation"}
+        halves = {radii: f"{budget}: {preset}" for radii, preset in pairs.items()}
         if preset != study.preset or not all(total.get(column, DASH) != DASH for column in halves.values()):
             continue
         shares = "; ".join(f"{total[column]} % with {radii}" for radii, column in halves.items())
@@ -243,10 +240,8 @@ def which_half(study: StudySummary) -> list[str]:
             gained = {row["Algorithm"]: float(row[column]) - float(row[title]) for row in rows}
             more = ", ".join(name for name, points in gained.items() if points >= _MIN_POINTS) or "none"
             less = ", ".join(name for name, points in gained.items() if points <= -_MIN_POINTS) or "none"
-            sentence += (
-                f" With {radii} limbs are lost in {_MIN_POINTS} % more of the frames, or above that: {more}; "
-                f"less: {less}."
-            )
+            limbs = f" With {radii} limbs are lost in {_MIN_POINTS} % more of the frames, or above that"
+            sentence += f"{limbs}: {more}; less: {less}."
         sentences.append(sentence)
     return sentences
 

@@ -76,17 +76,14 @@ def best_and_worst(
 ) -> Iterator[tuple[Picture, Picture]]:
     """The control's best and worst frame of each sequence whose recording is at hand."""
     control = ranking.rows[0].contender
-    for sequence in ranking.sequences:
-        cell = study.find(sequence, control.algorithm, control.dof, control.evaluations)
-        if cell is None or sequence not in clips:
-            continue
-        places = extreme_frames(cell, measure)
-        recording = open_recording(clips[sequence], [int(cell.frames[place]) for place in places])
-        if not is_of(cell, recording.subject, recording.rig):
-            continue
-        best, worst = (_picture(recording, cell, place) for place in places)
-        if best is not None and worst is not None:
-            yield best, worst
+    for sequence, cell in study.known(control, ranking.sequences, measure).items():
+        if sequence in clips:
+            places = extreme_frames(cell, measure)
+            recording = open_recording(clips[sequence], [int(cell.frames[place]) for place in places])
+            if is_of(cell, recording.subject, recording.rig):
+                best, worst = (_picture(recording, cell, place) for place in places)
+                if best is not None and worst is not None:
+                    yield best, worst
 
 
 def side_by_side(study: StudySummary, sequence: str, dof: int, budget: int, clip: Clip) -> list[list[Picture]]:

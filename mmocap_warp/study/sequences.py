@@ -192,7 +192,7 @@ CLIPS: Mapping[str, StudySequence] = MadeSequences(CLIP_PLANS)
 
 def study_rig() -> CameraRig:
     """HumanEva's ring: three colour and four grey cameras around the origin, as pinholes. The world has +Z up."""
-    placed = [placed_camera(*place, _SIZE) for place in _CAMERAS.values()]
+    placed = [placed_camera(*(*place, _SIZE)) for place in _CAMERAS.values()]
     K, R, t = (np.array(each).round(_DIGITS) for each in zip(*placed, strict=True))
     sizes = np.tile(_SIZE, (len(_CAMERAS), 1))
     return CameraRig(tuple(_CAMERAS), K, R, t, sizes, np.zeros((len(_CAMERAS), 5)), "+z")

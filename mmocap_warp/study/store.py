@@ -107,10 +107,9 @@ def read_results(folder: str | Path) -> Iterator[CellResult | InputError]:
     Raises:
         InputError: no such folder.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
+    if not Path(folder).is_dir():
         raise InputError(folder, "no such folder", "name the folder that 'mmocap study run' wrote")
-    for path in sorted(folder.glob("*.npz")):
+    for path in sorted(Path(folder).glob("*.npz")):
         try:
             yield read_cell(path)
         except InputError as error:

@@ -32,20 +32,13 @@ _MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 
 @dataclass(frozen=True)
 class JointAngles:
-    """How the angles of a joint are defined.
+    """How the angles of a joint are defined."""
 
-    Attributes:
-        upper, lower: the segments that it joins, without their side.
-        names: of the three angles.
-        sign: of the first angle, from the right-handed rotation about the first axis; the others are as they are.
-        order: the order of the three rotations, ``zxy`` or ``yxy``.
-    """
-
-    upper: str
-    lower: str
-    names: tuple[str, str, str]
-    sign: int = 1
-    order: str = "zxy"
+    upper: str  # the upper one of the segments that it joins, without its side
+    lower: str  # likewise the lower one
+    names: tuple[str, str, str]  # of the three angles
+    sign: int = 1  # of the first angle, from the right-handed rotation about the first axis; the others are as they are
+    order: str = "zxy"  # the order of the three rotations, ``zxy`` or ``yxy``
 
 
 _BENDING = ("flexion", "bending_to_the_right", "rotation_to_the_left")

@@ -24,19 +24,14 @@ _UPRIGHT = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 
 @dataclass(frozen=True)
 class Segment:
-    """A rigid part of a person.
+    """A rigid part of a person."""
 
-    Attributes:
-        joint: that carries it.
-        upper, lower: joints whose centres lie on its long axis, which points up to the first; empty where its axes are
-            those of the bind pose.
-        across: the joint whose frame says where z points, and the signed column of that frame, such as ``-x``.
-    """
-
-    joint: str
+    joint: str  # that carries it
+    # Joints whose centres lie on its long axis, which points up to the first; empty where its axes are those of the
+    # bind pose.
     upper: str = ""
     lower: str = ""
-    across: tuple[str, str] = ("", "")
+    across: tuple[str, str] = ("", "")  # the joint whose frame says where z points; that frame's signed column, as "-x"
 
     @property
     def joints(self) -> tuple[str, ...]:

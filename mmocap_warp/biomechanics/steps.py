@@ -28,17 +28,11 @@ _FRAMES_AT_ONCE = 1024
 
 @dataclass(frozen=True)
 class Foot:
-    """A foot over the floor.
+    """A foot over the floor."""
 
-    Attributes:
-        height: (frame,) of its lowest skin over the floor [m].
-        speed: (frame,) of that skin [m/s].
-        on_floor: (frame,) bool.
-    """
-
-    height: np.ndarray
-    speed: np.ndarray
-    on_floor: np.ndarray
+    height: np.ndarray  # (frame,) of its lowest skin over the floor [m]
+    speed: np.ndarray  # (frame,) of that skin [m/s]
+    on_floor: np.ndarray  # (frame,) bool
 
     @property
     def strikes(self) -> np.ndarray:
@@ -141,38 +135,23 @@ _LEAST_WAY = 0.05  # way of the root during a step that is long enough to have a
 
 @dataclass(frozen=True)
 class Step:
-    """From a foot's heel strike to the other foot's next one.
+    """From a foot's heel strike to the other foot's next one."""
 
-    Attributes:
-        side: of the foot that lands.
-        frame: in which it lands, as a position in the clip.
-        seconds: it takes.
-        length: from heel to heel, each as it struck, along the root's way meanwhile [m]; NaN where the root stays.
-    """
-
-    side: str
-    frame: int
-    seconds: float
-    length: float
+    side: str  # of the foot that lands
+    frame: int  # in which it lands, as a position in the clip
+    seconds: float  # that it takes
+    length: float  # from heel to heel, each as it struck, along the root's way meanwhile [m]; NaN where the root stays
 
 
 @dataclass(frozen=True)
 class Stride:
-    """From a foot's heel strike to its next one.
+    """From a foot's heel strike to its next one."""
 
-    Attributes:
-        side: of the foot.
-        frame: of the first strike, as a position in the clip.
-        seconds: it takes.
-        length: between the places where the heel strikes, on the level [m].
-        stance_share: of the time in which the foot stands.
-    """
-
-    side: str
-    frame: int
-    seconds: float
-    length: float
-    stance_share: float
+    side: str  # of the foot
+    frame: int  # of the first strike, as a position in the clip
+    seconds: float  # that it takes
+    length: float  # between the places where the heel strikes, on the level [m]
+    stance_share: float  # of the time in which the foot stands
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,10 @@ from mmocap_warp.body.skeleton import Skeleton
 
 @dataclass(frozen=True)
 class MeshPiece:
-    """Some triangles of a mesh and the vertices that they need.
+    """Some triangles of a mesh and the vertices that they need."""
 
-    Attributes:
-        vertex: (n,) int32, numbers of vertices.
-        face: (m, 3) int32, corners as numbers of the whole mesh's vertices.
-    """
-
-    vertex: np.ndarray
-    face: np.ndarray
+    vertex: np.ndarray  # (n,) int32, numbers of vertices
+    face: np.ndarray  # (m, 3) int32, corners as numbers of the whole mesh's vertices
 
 
 def split_mesh(mesh: SkinMesh, skeleton: Skeleton, index: np.ndarray) -> tuple[MeshPiece, MeshPiece]:

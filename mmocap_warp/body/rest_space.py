@@ -50,12 +50,9 @@ class RestSpace:
     Joints that mirror each other share their parameters, such as ``bone.LKnee+RKnee`` (:func:`mirrored_joints`).
     A rigid body has no parameters: it is as it is.
     Attached things are carried along by the joints that they hang on, and keep their size.
-
-    Attributes:
-        body: the body at ``beta = 0``.
     """
 
-    body: BodyModel
+    body: BodyModel  # the body at ``beta = 0``
 
     @cached_property
     def _columns(self) -> tuple[_Column, ...]:

@@ -47,13 +47,9 @@ _PALETTE_TYPE = 3  # of a PNG's header: pixels are indices of a palette
 
 @dataclass(frozen=True)
 class Labels:
-    """A frame's objects.
+    """A frame's objects."""
 
-    Attributes:
-        image: (height, width) unsigned integers, the identity that each pixel belongs to; 0 is background.
-    """
-
-    image: np.ndarray
+    image: np.ndarray  # (height, width) unsigned integers, the identity that each pixel belongs to; 0 is background
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -46,16 +46,11 @@ def unpack_masks(words: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class Observation:
-    """The masks of one frame.
+    """The masks of one frame."""
 
-    Attributes:
-        words: (camera, row, word) uint32, see :func:`pack_masks`.
-        foreground: (camera,) int, foreground pixels; 0 means that the view is lost.
-        late: (camera,) float64, by how much later than the frame each mask was taken [s]; None where all are in time.
-    """
-
-    words: np.ndarray
-    foreground: np.ndarray
+    words: np.ndarray  # (camera, row, word) uint32, see :func:`pack_masks`
+    foreground: np.ndarray  # (camera,) int, foreground pixels; 0 means that the view is lost
+    # (camera,) float64, by how much later than the frame each mask was taken [s]; None where all are in time.
     late: np.ndarray | None = None
 
     @classmethod

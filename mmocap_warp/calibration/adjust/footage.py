@@ -68,17 +68,11 @@ class Footage:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Poses of consecutive frames.
+    """Poses of consecutive frames."""
 
-    Attributes:
-        rooting: moves poses; it searches all of the root's angles.
-        rooted: the poses.
-        fps: of the frames.
-    """
-
-    rooting: Rooting
-    rooted: RootedPoses
-    fps: float
+    rooting: Rooting  # moves poses; it searches all of the root's angles
+    rooted: RootedPoses  # the poses
+    fps: float  # of the frames
 
     def at(self, frame: np.ndarray) -> RootedPoses:
         """The poses at frames (n,), which may be fractions; beyond the clip's ends the person stands still."""
@@ -109,19 +103,12 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """The person as tracked by cameras.
+    """The person as tracked by cameras."""
 
-    Attributes:
-        subject: the body, with the pose of the first frame.
-        observations: the frames' masks, each camera's shifted by whole frames.
-        motion: the poses.
-        found: (frame,) int, the frames in which the person was found.
-    """
-
-    subject: Subject
-    observations: list[Observation]
-    motion: Motion
-    found: np.ndarray
+    subject: Subject  # the body, with the pose of the first frame
+    observations: list[Observation]  # the frames' masks, each camera's shifted by whole frames
+    motion: Motion  # the poses
+    found: np.ndarray  # (frame,) int, the frames in which the person was found
 
     def spread(self, count: int) -> np.ndarray:
         """At most ``count`` frames that show the person, evenly spread, with the first and the last.

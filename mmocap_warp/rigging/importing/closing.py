@@ -88,19 +88,12 @@ _SMALLEST_PIECE = 0.03  # smaller pieces, such as eyes and buttons, are left out
 
 
 class ClosedMesh(NamedTuple):
-    """A closed mesh.
+    """A closed mesh."""
 
-    Attributes:
-        added: (n, 3) vertices that the mesh had not.
-        beside: (n,) int, for each of these a vertex that the mesh had, near by: it moves as that one does.
-        face: (face, 3) over the mesh's vertices and then ``added``, counter-clockwise seen from outside.
-        done: what was done; empty where the mesh was closed.
-    """
-
-    added: np.ndarray
-    beside: np.ndarray
-    face: np.ndarray
-    done: str
+    added: np.ndarray  # (n, 3) vertices that the mesh had not
+    beside: np.ndarray  # (n,) int, for each of these a vertex that the mesh had, near by: it moves as that one does
+    face: np.ndarray  # (face, 3) over the mesh's vertices and then ``added``, counter-clockwise seen from outside
+    done: str  # what was done; empty where the mesh was closed
 
 
 def closed(vertex: np.ndarray, face: np.ndarray, most: int = MOST_TRIANGLES, cells: int = CELLS) -> ClosedMesh:

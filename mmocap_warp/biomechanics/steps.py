@@ -63,13 +63,8 @@ def feet_on_floor(subject: Subject, pose: np.ndarray, seconds: np.ndarray, up: n
     """The feet that a subject has, named as :func:`feet_of` does.
 
     The floor is level, and as high as the lowest foot is in half of the frames. No speed is known of a single frame,
-    and so no contact.
-
-    Args:
-        subject: whose feet.
-        pose: (frame, coordinate).
-        seconds: (frame,), ascending.
-        up: (3,), the world's vertical, of length one.
+    and so no contact. The poses (frame, coordinate) are at ``seconds`` (frame,), ascending; the world's vertical ``up``
+    (3,) has length one.
     """
     tracks = {
         name: _lowest_skin(subject, pose, seconds, up, joint)
@@ -172,12 +167,8 @@ def walking(
 ) -> Walking:
     """Steps and strides that lie wholly within the clip; there are steps only where there are two feet.
 
-    Args:
-        feet: by side, or by name.
-        heel: of each, (frame, 3) [m].
-        root: (frame, 3) [m].
-        seconds: (frame,).
-        up: (3,), the world's vertical, of length one.
+    The heels, by foot, and the root are (frame, 3) [m] at ``seconds`` (frame,); the vertical ``up`` (3,) has length
+    one.
     """
     level = np.eye(3) - np.outer(up, up)
     heel, root = {side: places @ level for side, places in heel.items()}, root @ level

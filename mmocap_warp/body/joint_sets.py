@@ -136,13 +136,7 @@ def _vertices(value: Any) -> list[int]:
 
 
 class _Rows:
-    """Fills the matrices of a set, a point a row.
-
-    Args:
-        body: whose points they are.
-        landmarks: vertices by a landmark's name.
-        source: what errors name.
-    """
+    """Fills the matrices of a set, a point of the body a row, by landmarks' vertices; errors name ``source``."""
 
     def __init__(self, body: BodyModel, landmarks: Mapping[str, list[int]], source: object) -> None:
         self._skeleton, self._count = body.skeleton, len(body.skin.rest)

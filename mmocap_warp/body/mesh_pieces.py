@@ -67,11 +67,7 @@ def _paired_one_by_one(start: np.ndarray, end: np.ndarray, triangle: np.ndarray)
 
 
 def is_closed(face: np.ndarray) -> bool:
-    """Whether every edge joins exactly two faces that run along it in opposite senses.
-
-    Args:
-        face: (face, corner) int.
-    """
+    """Whether every edge joins exactly two of the faces (face, corner), which run along it in opposite senses."""
     edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2)
     edge, count = np.unique(edge, axis=0, return_counts=True)
     backward = np.unique(edge[:, ::-1], axis=0)

@@ -224,8 +224,7 @@ class Skeleton:
     def searched(self, model: int | None = None) -> np.ndarray:
         """Coordinates that a model searches, (dof,) int32, ascending.
 
-        Args:
-            model: its number of degrees of freedom; the default model where omitted.
+        A model is known by its number of degrees of freedom; it is the default one where omitted.
 
         Raises:
             ValueError: no such model.

@@ -157,10 +157,7 @@ def agreement(rig: CameraRig, frames: Sequence[Silhouettes]) -> Agreement:
 def find_mistake(rig: CameraRig, frames: Sequence[Silhouettes], now: Agreement) -> Mistake | None:
     """The mistake after whose repair the views agree; None where they do as it is, or no repair helps.
 
-    Args:
-        rig: undistorted cameras.
-        frames: masks.
-        now: how well they agree as they are.
+    The cameras are undistorted; ``now`` is how well they agree as they are.
     """
     two = max((len(frame.seeing) for frame in frames), default=0) == 2
     if now.share > (_SURE_TWO_VIEWS if two else _SURE):

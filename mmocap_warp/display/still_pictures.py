@@ -140,12 +140,7 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
 
 
 class _Sheet:
-    """One view: an image, and where points of the body lie in it.
-
-    Args:
-        name: of the view.
-        low, high: (3,) corners of the box that it has to show.
-    """
+    """One view: an image, and where points of the body lie in it; it shows the box from ``low`` to ``high`` (3,)."""
 
     def __init__(self, name: str, low: np.ndarray, high: np.ndarray) -> None:
         self.axes = np.array(_VIEWS[name])

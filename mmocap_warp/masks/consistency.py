@@ -72,13 +72,9 @@ class Consistency:
 
 
 class _Views:
-    """A frame's small masks, and the excess of each.
+    """A frame's small masks, per camera (height, width) bool, and the excess of each.
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        masks: per camera (height, width) bool.
-        seen: the cameras that see the subject.
-        depth: of the subject in each camera [m].
+    The cameras of ``rig`` are undistorted pinholes; those in ``seen`` see the subject, at a ``depth`` (camera,) [m].
     """
 
     def __init__(self, rig: CameraRig, masks: list[np.ndarray], seen: list[int], depth: np.ndarray) -> None:

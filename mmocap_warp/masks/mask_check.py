@@ -58,12 +58,9 @@ class MaskReport:
 
 
 class MaskJudge:
-    """Looks at each frame as it passes.
+    """Looks at each of so many ``frames`` as it passes.
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        frames: how many will come.
-        body_volume: what a body like the subject's holds [m^3].
+    The cameras are undistorted pinholes, as the masks; a body like the subject's has ``body_volume`` [m^3].
     """
 
     def __init__(self, rig: CameraRig, frames: int, body_volume: float) -> None:

@@ -22,13 +22,9 @@ def words_per_row(width: int) -> int:
 
 
 def pack_masks(masks: list[np.ndarray]) -> np.ndarray:
-    """Pack one boolean mask per camera into words; pixel ``x`` is bit ``x % 32`` (from the lowest) of word ``x // 32``.
+    """Pack a mask per camera into words; pixel ``x`` is bit ``x % 32`` (from the lowest) of word ``x // 32``.
 
-    Args:
-        masks: per camera (height, width) bool; sizes may differ, smaller ones are padded with background.
-
-    Returns:
-        (camera, row, word) uint32.
+    The masks are (height, width) bool, the words (camera, row, word) uint32; smaller masks are padded with background.
     """
     rows = max(mask.shape[0] for mask in masks)
     words = max(words_per_row(mask.shape[1]) for mask in masks)

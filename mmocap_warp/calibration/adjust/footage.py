@@ -51,10 +51,9 @@ class Footage:
         return self._first_frames(offset)[1]
 
     def observations(self, offset: np.ndarray) -> list[Observation]:
-        """The masks of the frames that are used; each camera gives its nearest whole frame.
+        """The masks of the frames that are used, if cameras lag by ``offset`` (camera,) [s] more than the scene says.
 
-        Args:
-            offset: (camera,) by how much more cameras lag than the scene says [s].
+        Each camera gives its nearest whole frame.
         """
         shifted = tuple(
             replace(source, frame_offset=int(frames), fraction=0.0)

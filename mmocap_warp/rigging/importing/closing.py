@@ -232,13 +232,8 @@ def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int, why: str) -> Close
     """A closed surface around triangles: it is laid a little outside of them, then drawn back to them.
 
     Gaps of less than a few cells are closed, and hollows that cannot be reached from outside are filled. Single sheets
-    get two sides.
-
-    Args:
-        vertex: (vertex, 3).
-        face: (face, 3), in any order and sense.
-        cells: of the grid, along the longest side.
-        why: the mesh is wrapped, as the user is told.
+    get two sides. The triangles (face, 3) of vertices (vertex, 3) may be in any order and sense; the grid has ``cells``
+    along its longest side. ``why`` the mesh is wrapped is told the user.
     """
     from scipy.spatial import cKDTree
 

@@ -59,27 +59,19 @@ def bone_lengths(subject: Subject, joint_set: JointSet | None = None) -> dict[st
 
 @dataclass(frozen=True)
 class RunMeasures:
-    """The measures of one run.
+    """The measures of one run."""
 
-    Attributes:
-        run: its number.
-        joints: (frame, joint, 3), joint centres in the world [m].
-        joint_sigma: likewise, their standard deviations along the world's axes; None where they are not known.
-        angles: by joint and name, (frame,) each [degrees]; of a body that is no person, by axis of the joint's frame.
-        shifts: by joint that slides and axis of its frame, (frame,) each, from the bind pose [m].
-        feet: by side; of a body that is no person, by joint.
-        walking: steps and strides.
-        centre_of_mass: (frame, 3) in the world [m]; None where the body lacks joints of a person.
-    """
-
-    run: int
-    joints: np.ndarray
+    run: int  # its number
+    joints: np.ndarray  # (frame, joint, 3), joint centres in the world [m]
+    # (frame, joint, 3), their standard deviations along the world's axes [m]; None where they are not known.
     joint_sigma: np.ndarray | None
+    # By joint and name, (frame,) each [degrees]; of a body that is no person, by axis of the joint's frame.
     angles: dict[str, dict[str, np.ndarray]]
+    # By joint that slides and axis of its frame, (frame,) each, from the bind pose [m].
     shifts: dict[str, dict[str, np.ndarray]]
-    feet: dict[str, Foot]
-    walking: Walking
-    centre_of_mass: np.ndarray | None
+    feet: dict[str, Foot]  # by side; of a body that is no person, by joint
+    walking: Walking  # steps and strides
+    centre_of_mass: np.ndarray | None  # (frame, 3) in the world [m]; None where the body lacks joints of a person
 
 
 @dataclass(frozen=True)

@@ -48,15 +48,10 @@ UNDETERMINED = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Overlaps:
-    """Intersection over union of masks and the body.
+    """Intersection over union of masks and the body."""
 
-    Attributes:
-        together: (camera,) means over the frames, with body and poses from all views.
-        apart: (camera,) the same, of each view with body and poses from the other views alone.
-    """
-
-    together: np.ndarray
-    apart: np.ndarray
+    together: np.ndarray  # (camera,) means over the frames, with body and poses from all views
+    apart: np.ndarray  # (camera,) the same, of each view with body and poses from the other views alone
 
 
 @dataclass(frozen=True, eq=False, repr=False)

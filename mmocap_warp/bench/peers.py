@@ -116,7 +116,6 @@ def _directions(rig: CameraRig) -> list[np.ndarray]:
 
 def _opencv(load: Workload, vertices: np.ndarray) -> Callable[[np.ndarray], None]:
     """Every triangle as a polygon, on images that are cleared within the body's boxes."""
-    faces = load.body.tracking_face
     masks = [mask.view(np.uint8) for mask in unpack_masks(load.observation.words, load.rig.size)]
     images = [np.zeros((height, width), np.uint8) for width, height in load.rig.size.tolist()]
 
@@ -127,7 +126,7 @@ def _opencv(load: Workload, vertices: np.ndarray) -> Callable[[np.ndarray], None
             for k, (image, box) in enumerate(zip(images, _boxes(load, pixels), strict=True)):
                 model = image[box]
                 model[:] = 0
-                for triangle in corners[k][faces]:
+                for triangle in corners[k][load.body.tracking_face]:
                     cv2.fillConvexPoly(image, triangle, 1, cv2.LINE_8, _SUBPIXEL_BITS)
                 count[c, k] = cv2.countNonZero(model), cv2.countNonZero(model & masks[k][box])
 

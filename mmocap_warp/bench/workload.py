@@ -119,15 +119,9 @@ def _ring(cameras: int, size: tuple[int, int]) -> CameraRig:
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     R = np.stack([right, np.cross(forward, right), forward], axis=1)
     K = np.array([[width, 0.0, (width - 1) / 2], [0.0, width, (height - 1) / 2], [0.0, 0.0, 1.0]])
-    return CameraRig(
-        names=tuple(f"cam{k}" for k in range(1, cameras + 1)),
-        K=np.tile(K, (cameras, 1, 1)),
-        R=R,
-        t=-np.einsum("kij,kj->ki", R, eye),
-        size=np.tile(size, (cameras, 1)),
-        distortion=np.zeros((cameras, 5)),
-        up="+y",
-    )
+    names, t = tuple(f"cam{k}" for k in range(1, cameras + 1)), -np.einsum("kij,kj->ki", R, eye)
+    repeated = np.tile(K, (cameras, 1, 1)), R, t, np.tile(size, (cameras, 1)), np.zeros((cameras, 5))
+    return CameraRig(names, *repeated, "+y")
 
 
 def _with_triangles(body: BodyModel, triangles: int) -> BodyModel:
@@ -139,17 +133,10 @@ def _with_triangles(body: BodyModel, triangles: int) -> BodyModel:
     while len(mesh.face) < triangles:
         mesh = _subdivided(mesh)
     vertices = len(mesh.rest)
-    return replace(
-        body,
-        skin=mesh,
-        tracking_vertex=np.arange(vertices, dtype=np.int32),
-        tracking_face=mesh.face,
-        shape_names=(),
-        shape_vertex=np.zeros((0, vertices, 3), np.float32),
-        shape_joint=body.shape_joint[:0],
-        marker_names=(),
-        marker_vertex=np.zeros(0, np.int32),
-    )
+    tracked = {"tracking_vertex": np.arange(vertices, dtype=np.int32), "tracking_face": mesh.face}
+    shapes = {"shape_vertex": np.zeros((0, vertices, 3), np.float32), "shape_joint": body.shape_joint[:0]}
+    unmarked = {"shape_names": (), "marker_names": (), "marker_vertex": np.zeros(0, np.int32)}
+    return replace(body, skin=mesh, **tracked, **shapes, **unmarked)
 
 
 def _subdivided(mesh: SkinMesh) -> SkinMesh:

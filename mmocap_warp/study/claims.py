@@ -53,25 +53,19 @@ def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
     """
     measures = [measure, *(other for other in study.measures if other.key == "cost" and other != measure)]
     rankings = [(each, Rankings.of(study, each)) for each in measures]
+    few = TOO_FEW, f"Too few for that: {counted(len(study.sequences), 'sequence', in_words=True)}."
     findings = []
     for claim, where, significant, judge in _RANK_CLAIMS:
         for by, every in rankings:
             # What is said of significance is checked on those rankings alone that could tell.
             verdict = judge(every.over_enough(significant=significant))
-            if verdict[0] == UNTESTED and judge(every)[0] != UNTESTED:
-                verdict = _too_few(study)
+            verdict = few if verdict[0] == UNTESTED != judge(every)[0] else verdict
             findings.append(Finding(claim, where, named(by), *verdict))
     for claim, own, of_errors in _ERROR_CLAIMS:
-        by = own or measure
-        verdict = of_errors(study, by)
-        if verdict[0] != UNTESTED and len(study.sequences) < FEWEST_SEQUENCES:
-            verdict = _too_few(study)
-        findings.append(Finding(claim, "section 5.3", named(by), *verdict))
+        verdict = of_errors(study, own or measure)
+        verdict = few if verdict[0] != UNTESTED and len(study.sequences) < FEWEST_SEQUENCES else verdict
+        findings.append(Finding(claim, "section 5.3", named(own or measure), *verdict))
     return findings
-
-
-def _too_few(study: StudySummary) -> Verdict:
-    return TOO_FEW, f"Too few for that: {counted(len(study.sequences), 'sequence', in_words=True)}."
 
 
 def judged(leads: Iterable[float], evidence: str, *, of_all: bool = False) -> Verdict:
@@ -86,16 +80,12 @@ def judged(leads: Iterable[float], evidence: str, *, of_all: bool = False) -> Ve
     held, tied = signs.count(1), signs.count(0)
     if not signs:
         return UNTESTED, "The study has no case of it."
+    verdict = MOSTLY if held > len(signs) / 2 else DIFFERS
     if held == len(signs):
         verdict = AGREES
-    elif tied == len(signs):
-        verdict = TIED
-    elif of_all:
-        verdict = FAILS
-    else:
-        verdict = MOSTLY if held > len(signs) / 2 else DIFFERS
-    ties = f" {counted(tied, 'tie')}." if tied else ""
-    return verdict, evidence.format(held=held, cases=len(signs)) + ties
+    elif tied == len(signs) or of_all:
+        verdict = TIED if tied == len(signs) else FAILS
+    return verdict, evidence.format(held=held, cases=len(signs)) + (f" {counted(tied, 'tie')}." if tied else "")
 
 
 # ---- Claims about rankings: section 5.4, the abstract and section 6.
@@ -137,8 +127,7 @@ def _h_cmaes_first(rankings: Rankings) -> Verdict:
     leads, others = [], set()
     for ranking in rankings.of_algorithms:
         rank = _average_ranks(ranking)
-        if "h-cmaes" in rank:
-            own = rank.pop("h-cmaes")
+        if (own := rank.pop("h-cmaes", None)) is not None:
             leads.append(min(rank.values()) - own)
             others |= {str(ranking.rows[0].contender)} if leads[-1] < 0 else set()
     instead = f"; elsewhere {', '.join(sorted(others))}" if others else ""
@@ -222,39 +211,34 @@ def _frugal(rankings: Rankings, algorithms: tuple[str, ...], budget: int) -> Ver
 
 _RANK_CLAIMS: tuple[tuple[str, str, bool, Callable[[Rankings], Verdict]], ...] = (
     ("H-CMAES has the best average rank for either model and every budget.", "Tables 4-5", False, _h_cmaes_first),
+    ("In all cases the evolutionary algorithms rank before the particle filters.", "abstract", False, _filters_last),
     (
-        "In all cases the evolutionary algorithms rank before the particle filters.",
-        "abstract", False, _filters_last,
-    ),
-    (
-        "In all cases the particle filters differ significantly from the best.",
-        "section 5.4", True, _filters_significant,
+        "In all cases the particle filters differ significantly from the best.", "section 5.4", True,
+        _filters_significant,
     ),
     (
         "In all tests searching part by part ranks before searching all at once: H-CMAES, H-PSO and H-DE before CMAES, "
-        "PSO and DE.",
-        "section 6", False, _hierarchy_first,
+        "PSO and DE.", "section 6", False, _hierarchy_first,
     ),
     (
-        "39 degrees of freedom are better than 28 for the evolutionary algorithms.",
-        "Tables 6-7", False, lambda rankings: _larger_model(rankings, EVOLUTIONARY, 1),
+        "39 degrees of freedom are better than 28 for the evolutionary algorithms.", "Tables 6-7", False,
+        lambda rankings: _larger_model(rankings, EVOLUTIONARY, 1),
     ),
     (
-        "39 are significantly better than 28 for every evolutionary algorithm but CMAES.",
-        "Tables 6-7", True, _significantly_larger,
+        "39 are significantly better than 28 for every evolutionary algorithm but CMAES.", "Tables 6-7", True,
+        _significantly_larger,
     ),
     (
-        "28 degrees of freedom are better than 39 for the particle filters.",
-        "Tables 6-7", False, lambda rankings: _larger_model(rankings, FILTERS, -1),
+        "28 degrees of freedom are better than 39 for the particle filters.", "Tables 6-7", False,
+        lambda rankings: _larger_model(rankings, FILTERS, -1),
     ),
     (
         "CMAES and H-CMAES need no more than 500 evaluations with 39 degrees of freedom: nothing else is significantly "
-        "better.",
-        "section 5.4", True, lambda rankings: _frugal(rankings, ("h-cmaes", "cmaes"), 500),
+        "better.", "section 5.4", True, lambda rankings: _frugal(rankings, ("h-cmaes", "cmaes"), 500),
     ),
     (
-        "H-DE, H-PSO, DE and PSO need no more than 1500.",
-        "section 5.4", True, lambda rankings: _frugal(rankings, ("h-de", "h-pso", "de", "pso"), 1500),
+        "H-DE, H-PSO, DE and PSO need no more than 1500.", "section 5.4", True,
+        lambda rankings: _frugal(rankings, ("h-de", "h-pso", "de", "pso"), 1500),
     ),
 )  # fmt: skip
 """What the paper says of rankings, where, whether it speaks of significance, and what judges it."""
@@ -325,26 +309,22 @@ def _quartile_range(cell: CellSummary, measure: Measure) -> float:
     return float(spread[3] - spread[1])
 
 
+_MADE_SO = " The shipped sequences are made so: S3's tracked body and masks are the worst."
 _ERROR_CLAIMS: tuple[tuple[str, Measure | None, Callable[[StudySummary, Measure], Verdict]], ...] = (
     (
         "Gestures are tracked best.", None,
-        lambda study, measure: _in_order(
-            study, measure, 1, _mean, [("Gestures", "Walking"), ("Gestures", "Box")]
-        ),
+        lambda study, by: _in_order(study, by, 1, _mean, [("Gestures", "Walking"), ("Gestures", "Box")]),
     ),
     (
         "Errors spread least in gestures and most in boxing.", None,
-        lambda study, measure: _in_order(
-            study, replace(measure, higher_is_better=False), 1, _quartile_range,
+        lambda study, by: _in_order(
+            study, replace(by, higher_is_better=False), 1, _quartile_range,
             [("Gestures", "Walking"), ("Walking", "Box")],
         ),
     ),
     (
         "Subject S3 is the hardest.", None,
-        lambda study, measure: _in_order(
-            study, measure, 0, _mean, [("S1", "S3"), ("S2", "S3")],
-            " The shipped sequences are made so: S3's tracked body and masks are the worst.",
-        ),
+        lambda study, by: _in_order(study, by, 0, _mean, [("S1", "S3"), ("S2", "S3")], _MADE_SO),
     ),
     ("More evaluations narrow the errors’ spread.", None, _narrower),
     ("CMAES tracks more evenly over time than DE and PSO, whose bodies vibrate.", MEASURE_OF["jerk"], _steadier),

@@ -196,9 +196,7 @@ class MadeSequences(Mapping[str, StudySequence]):
         return len(self._plans)
 
 
-@cache
-def _made(name: str, plan: SequencePlan) -> StudySequence:
-    return make_sequence(name, plan)
+_made = cache(make_sequence)
 
 
 SEQUENCES: Mapping[str, StudySequence] = MadeSequences(PLANS)

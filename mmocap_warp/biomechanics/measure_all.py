@@ -19,7 +19,7 @@ from mmocap_warp.biomechanics.joint_angles import (
 from mmocap_warp.biomechanics.segments import Sex, centre_of_mass, skin_place
 from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor, walking
 from mmocap_warp.body.joint_sets import JointSet
-from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.result.result import Result
 
@@ -135,15 +135,11 @@ def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex 
     chosen = range(len(poses)) if run is None else [run]
     held = _angles_not_searched(result, poses[chosen[0]][0])
     measured = tuple(_measure_run(result, poses[number], number, raw, sex, held) for number in chosen)
-    left_out = tuple(_missing_measures(result.subject.body, measured[0]))
-    return Measures(result, raw, sex, measured, left_out, tuple(f"{joint} {name}" for joint, name in held))
-
-
-def _missing_measures(body: BodyModel, measured: RunMeasures) -> list[str]:
-    """What a body has no joints for."""
+    body, first = result.subject.body, measured[0]
     left_out = [f"angles of {joint}" for joint in joints_left_out(body)]
-    left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in measured.feet]
-    return left_out + (["centre of mass"] if measured.centre_of_mass is None else [])
+    left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in first.feet]
+    left_out += ["centre of mass"] if first.centre_of_mass is None else []
+    return Measures(result, raw, sex, measured, tuple(left_out), tuple(f"{joint} {name}" for joint, name in held))
 
 
 def _measure_run(

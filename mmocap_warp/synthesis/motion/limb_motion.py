@@ -242,7 +242,4 @@ class Posture:
         self.poses[:, self._body.skeleton.angles(joint)] = angles
 
     def _axes(self, joint: str) -> np.ndarray:
-        return self._transforms(joint)[:, :3, :3]
-
-    def _transforms(self, joint: str) -> np.ndarray:
-        return self._poser.joint_transforms(self.poses)[:, self._body.skeleton.index(joint)]
+        return self._poser.joint_transforms(self.poses)[:, self._body.skeleton.index(joint), :3, :3]

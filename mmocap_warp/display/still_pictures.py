@@ -113,9 +113,6 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
 
     Each searched angle is a line along its axis, and an arc from its lowest to its highest value; what slides has a
     line from its lowest to its highest place.
-
-    Raises:
-        InputError: a name that does not end in ``.png``, or a folder that cannot be written to.
     """
     rest = body.tracking.rest.astype(float)
     points = np.concatenate([rest, body.joint_rest, *_slides(body).values()])

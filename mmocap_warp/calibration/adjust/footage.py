@@ -24,20 +24,16 @@ MIN_FRAMES = 4
 class Footage:
     """A recording's masks, read again whenever its cameras' times change.
 
-    The masks are read without repair, because repairing them would need the calibration that is in doubt.
-
-    Attributes:
-        scale: of masks and cameras; by default images are at most 640 pixels long.
-        rig: the cameras as they were calibrated, at the masks' size.
-        fps: of the frames that are used.
+    The masks are read without repair, because repairing them would need the calibration that is in doubt. ``scale`` is
+    of masks and cameras; by default images are at most 640 pixels long.
     """
 
     def __init__(self, scene: Scene, scale: float | None = None) -> None:
         self._scene = replace(scene, foreground=replace(scene.foreground, repair=False))
         self.scale = scale or min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max()))
-        self.rig = scene.rig(self.scale)
+        self.rig = scene.rig(self.scale)  # the cameras as they were calibrated, at the masks' size
         self._step = max(1, int(scene.rate / _RATE))
-        self.fps = scene.rate / self._step
+        self.fps = scene.rate / self._step  # of the frames that are used
 
     def _first_frames(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(camera,) the number of each camera's first frame, if offsets grow by ``offset``, and the rest [s]."""

@@ -47,19 +47,12 @@ _LEAST_SKIN = 4  # number of triangles that a closed mesh has at least
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """A body that was made of a file.
-
-    Attributes:
-        body: the body.
-        freedom: of its joints, in their order.
-        motions: its animations by name.
-        notes: what was done or left out, a line each.
-    """
+    """A body that was made of a file."""
 
     body: BodyModel
-    freedom: list[Freedom]
-    motions: dict[str, BodyMotion]
-    notes: tuple[str, ...]
+    freedom: list[Freedom]  # of its joints, in their order
+    motions: dict[str, BodyMotion]  # its animations by name
+    notes: tuple[str, ...]  # what was done or left out, a line each
 
 
 def imported(

@@ -26,7 +26,7 @@ from mmocap_warp.commands.evaluate import evaluate, measure
 from mmocap_warp.commands.mask import mask
 from mmocap_warp.commands.new_scenes import import_dataset, import_humaneva, init, synthesize
 from mmocap_warp.commands.show import export, show, view
-from mmocap_warp.commands.studies import benchmark, report_study, run_study, write_benchmark_pages
+from mmocap_warp.commands.studies import benchmark, report_study, run_study
 from mmocap_warp.commands.track import fit, track
 from mmocap_warp.display.result_video import overlay
 from mmocap_warp.errors import InputError, UsageError
@@ -53,5 +53,5 @@ __all__ = [
     "import_humaneva", "init", "learn_body", "load_body", "load_result", "load_scene", "load_truth",
     "make_sequences", "mask", "measure", "minimize", "overlay", "print_board", "refine_cameras", "report_study",
     "run_study", "show", "show_body", "show_cameras", "solve_cameras", "study_results", "sync", "synthesize",
-    "track", "track_live", "validate_usd", "view", "write_benchmark_pages", "write_result",
+    "track", "track_live", "validate_usd", "view", "write_result",
 ]  # fmt: skip

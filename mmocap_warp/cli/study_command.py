@@ -209,23 +209,11 @@ def _ablation_table(rows: list[dict[str, Any]]) -> str:
 
 
 @bench_app.default
-@command(
-    "studies:benchmark",
-    order="device threads against growth compare output",
-    against=Given(str | None, None),
-    compare=Annotated[Path | None, _COMPARE],
-)
-def bench(call: Any, against: str | None, compare: Path | None) -> Answer:
+@command("studies:benchmark", order="device threads compare output", compare=Annotated[Path | None, _COMPARE])
+def bench(call: Any, compare: Path | None) -> Answer:
     from mmocap_warp.bench.report_file import read_report, rendered, to_text
 
     old = None if compare is None else read_report(compare)
-    report = call(against=() if against is None else against)
+    report = call()
     text = to_text(rendered(report, old), colours=sys.stdout.isatty())
     return Answer(report, [text], OK if report["ok"] else CHECK_FAILED)
-
-
-@bench_app.command(help="Write reports as a page of tables, and plots of growth.")
-@command("studies:write_benchmark_pages", reports=Given(Path, kind=ANY_NUMBER))
-def pages(call: Any) -> Answer:
-    files = call()
-    return Answer({"files": files}, files)

@@ -78,18 +78,13 @@ def calibrate_board(
     lenses = None if known is None else _lenses(Path(known), names, sizes)
     # The same moments of all cameras.
     count = min(len(frames) for frames, _ in sources.values())
-    numbers = range(0, count, max(1, -(-count // _MAX_FRAMES)))
-    if floor is not None:
-        if not 0 <= floor < count:
-            raise UsageError(f"--floor = {floor} is not in 0 to {count - 1}")
-        moments = sorted({*numbers, floor})
-    else:
-        moments = list(numbers)
+    if floor is not None and not 0 <= floor < count:
+        raise UsageError(f"--floor = {floor} is not in 0 to {count - 1}")
+    moments = sorted({*range(0, count, max(1, -(-count // _MAX_FRAMES))), *([] if floor is None else [floor])})
     detections = []
     with (reporter or Reporter()).stage("board") as progress:
         for k, (frames, source) in enumerate(sources.values()):
-            images = _images(frames, source, moments)
-            detections.append(detect_board(images, pattern))
+            detections.append(detect_board(_images(frames, source, moments), pattern))
             progress((k + 1) * len(moments), len(sources) * len(moments))
     found = calibrate_from_board(names, sizes, detections, pattern, lenses)
     if floor is not None:

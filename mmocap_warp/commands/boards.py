@@ -140,11 +140,12 @@ def _images(frames: Frames, source: CameraSource | None, moments: list[int]) -> 
 def board_picture(found: BoardCalibration) -> np.ndarray:
     """The corners in the image of each camera, with their residuals magnified, BGR."""
     views = []
-    for k, name in enumerate(found.rig.names):
-        width, height = found.rig.size[k]
-        scale = _WIDTH / width
-        canvas = np.full((round(height * scale), _WIDTH, 3), PAPER, np.uint8)
-        cv2.rectangle(canvas, (0, 0), (_WIDTH - 1, len(canvas) - 1), (90, 90, 90), 1)
+    scales = _WIDTH / found.rig.size[:, 0]
+    heights = np.rint(scales * found.rig.size[:, 1]).astype(int)
+    for k, (name, scale) in enumerate(zip(found.rig.names, scales, strict=True)):
+        canvas = np.zeros((heights.max(), _WIDTH, 3), np.uint8)
+        canvas[: heights[k]] = PAPER
+        cv2.rectangle(canvas, (0, 0), (_WIDTH - 1, int(heights[k]) - 1), (90, 90, 90), 1)
         for point, residual in zip(found.points[k], found.residuals[k], strict=True):
             start = np.rint(point * scale).astype(int).tolist()
             end = np.rint((point + _MAGNIFIED * residual) * scale).astype(int).tolist()
@@ -152,8 +153,6 @@ def board_picture(found: BoardCalibration) -> np.ndarray:
             cv2.circle(canvas, start, 1, INK, -1)
         write_text(canvas, f"{name}: {found.rms[k]:.2f} px, covers {100 * found.coverage[k]:.0f} %", (8, 8))
         views.append(canvas)
-    tall = max(map(len, views))
-    views = [cv2.copyMakeBorder(view, 0, tall - len(view), 0, 0, cv2.BORDER_CONSTANT) for view in views]
     columns = int(np.ceil(np.sqrt(len(views))))
     views += [np.zeros_like(views[0])] * (-len(views) % columns)
     return np.vstack([np.hstack(views[at : at + columns]) for at in range(0, len(views), columns)])

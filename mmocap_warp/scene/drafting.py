@@ -251,11 +251,8 @@ def _placement(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray, 
     if (recorded == calibrated).all():
         return []
     if turned and (recorded[::-1] == calibrated).all():
-        draft.missing.append(
-            f"the rotation: {frames.path} is turned by {turned} degrees to {recorded[0]}x{recorded[1]}, and the "
-            f"calibration is of {calibrated[0]}x{calibrated[1]}; take the rotation out: ffmpeg -display_rotation 0 "
-            f"-i {frames.path.name} -c copy NEW{frames.path.suffix}"
-        )
+        step = f"ffmpeg -display_rotation 0 -i {frames.path.name} -c copy NEW{frames.path.suffix}"
+        draft.missing.append(f"{frames.path} without its rotation, of which the calibration knows nothing: {step}")
         return ["# MISSING: turned as the file says; the calibration is of images that are not."]
     sizes = "{}x{}, the calibration {}x{}".format(*recorded, *calibrated)
     scale = float((recorded / calibrated).min())

@@ -9,7 +9,7 @@ and the span is smoothed as a clip of its own, in which the frames around it are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -107,7 +107,8 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
             array[:, first:last][:, free] = getattr(done, name)[:, free]
     numbers = part.frame_numbers[free]
     note: dict[str, list[Any]] = {"frames": [int(numbers[0]), int(numbers[-1])]}
-    note |= {"pins": [each for each in pins.listed if each["frame"] in numbers]} if pins.listed else {}
+    if pins.listed:
+        note["pins"] = [each for each in pins.listed if each["frame"] in numbers]
     history = [*result.config.get("mended", []), note]
     return replace(result, config=result.config | {"mended": history}, **arrays)
 
@@ -120,14 +121,6 @@ def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> lis
     seen = part.observed(tracked_masks(scene, result, positions))
     left_out = [np.array([number in frozen.get(name, ()) for name in names]) for number in numbers]
     return [each.without(views) for each, views in zip(seen, left_out, strict=True)]
-
-
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """Poses found along frames, and in which frames (frame,) bool there are some."""
-
-    rooted: RootedPoses
-    there: np.ndarray
 
 
 class _SpanSearch:
@@ -170,12 +163,11 @@ class _SpanSearch:
         there = np.zeros((3, len(pose)), bool)
         there[0] = True
         for number, step in ((1, 1), (2, -1)):
-            way = _Way(known, np.zeros(len(pose), bool))
             for f in anchors:
                 beyond = [abs(g - f) for g in anchors if (g - f) * step > 0]
                 stop = f + step * min(beyond) if beyond else (own.stop if step > 0 else own.start - 1)
-                way = self._followed(way, f, at_anchors[f], range(f + step, stop, step))
-            answers[number], there[number] = way.rooted, way.there
+                further = range(f + step, stop, step)
+                answers[number] = self._followed(answers[number], there[number], f, at_anchors[f], further)
 
         # Each frame takes the answer with which all frames together cost least.
         frames = np.arange(len(pose))
@@ -238,10 +230,14 @@ class _SpanSearch:
         matrix = np.tile(np.eye(len(searched)) / _PRIOR**2, (count, 1, 1))
         return NormalEquations(matrix, -off, 0.5 * _PRIOR**2 * (off**2).sum(axis=1))
 
-    def _followed(self, way: _Way, anchor: int, pose: RootedPoses, frames: range) -> _Way:
-        """The way with poses from an anchor's through further frames, until they are the known ones again."""
-        rooted, there = way.rooted.with_frames(np.array([anchor]), pose), way.there.copy()
-        there[anchor] = True
+    def _followed(
+        self, way: RootedPoses, there: np.ndarray, anchor: int, pose: RootedPoses, frames: range
+    ) -> RootedPoses:
+        """The way with poses from an anchor's through further frames, until they are the known ones again.
+
+        They are marked in ``there`` (frame,) bool.
+        """
+        way, there[anchor] = way.with_frames(np.array([anchor]), pose), True
         last = before = self._rooting.leave(pose, np.zeros(3))[0]
         agreeing = 0
         for f in frames[: round(REACH * self._rate)]:
@@ -252,12 +248,12 @@ class _SpanSearch:
             best = int(np.argmin(cost))
             found = fitted[best : best + 1]
             before, last = last, self._rooting.leave(found, last[3:6])[0]
-            rooted, there[f] = rooted.with_frames(np.array([f]), self._rooting.refold(found)), True
-            near = self._apart(rooted[f : f + 1], self._known[f : f + 1])[0] < _AGREES * self._size
+            way, there[f] = way.with_frames(np.array([f]), self._rooting.refold(found)), True
+            near = self._apart(way[f : f + 1], self._known[f : f + 1])[0] < _AGREES * self._size
             agreeing = agreeing + 1 if near else 0
             if agreeing == _AGREEING:
                 break
-        return _Way(rooted, there)
+        return way
 
     def _apart(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
         """(frame,) how far the joint is that moved most [m]."""

@@ -346,7 +346,7 @@ def test_a_rotation_that_the_file_states_is_told(videos: Path) -> None:
     (videos / "cam02.mp4").write_bytes(data)
     draft = draft_scene(videos)
     assert any("its images are turned by 90 degrees" in line for line in draft.found)
-    assert any("the rotation: " in line and "ffmpeg -display_rotation 0" in line for line in draft.missing)
+    assert any("without its rotation" in line and "ffmpeg -display_rotation 0" in line for line in draft.missing)
 
 
 def test_cameras_of_unlike_exposure_are_told(videos: Path) -> None:

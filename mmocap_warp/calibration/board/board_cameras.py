@@ -129,7 +129,13 @@ def calibrate_from_board(
     pixels = np.array([each.pixels[chosen] for each in detections])
     R, t, residuals = _solve_places(pixels, seen, board, K, distortion)
     rms = np.array([np.sqrt((each**2).sum(axis=1).mean()) for each in residuals])
-    _check_residuals(names, sizes, rms)
+    worst = int(np.argmax(rms / sizes.max(axis=1)))
+    if not rms[worst] < _MAX_RMS * sizes[worst].max():
+        problem = f"the views of the board disagree by {rms[worst]:.1f} px, most in this camera"
+        remedy = (
+            "see that the cameras are in step (a scene has their offsets), that none moved, and that --board is right"
+        )
+        raise InputError(f"camera '{names[worst]}'", problem, remedy)
     return BoardCalibration(
         rig=CameraRig(tuple(names), K, R, t, np.asarray(sizes), distortion, "-y"),
         rms=rms,
@@ -303,17 +309,6 @@ def _vectors(matrices: np.ndarray) -> np.ndarray:
     """The inverse of :func:`_matrices`."""
     turns = [cv2.Rodrigues(each[:3, :3])[0][:, 0] for each in matrices]
     return np.concatenate([turns, matrices[:, :3, 3]], axis=1)
-
-
-def _check_residuals(names: Sequence[str], sizes: np.ndarray, rms: np.ndarray) -> None:
-    shares = rms / np.asarray(sizes).max(axis=1)
-    worst = int(np.argmax(shares))
-    if not shares[worst] < _MAX_RMS:
-        problem = f"the views of the board disagree by {rms[worst]:.1f} px, most in this camera"
-        remedy = (
-            "see that the cameras are in step (a scene has their offsets), that none moved, and that --board is right"
-        )
-        raise InputError(f"camera '{names[worst]}'", problem, remedy)
 
 
 def _coverage(detections: Detections, size: np.ndarray) -> float:

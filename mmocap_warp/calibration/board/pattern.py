@@ -61,12 +61,9 @@ class Board:
         square = float(match["square"]) * METRES[match["unit"]]
         marker = float(match["marker"]) * METRES[match["marker_unit"]] if match["marker"] else _MARKER_SHARE * square
         dictionary = match["dictionary"] or cls.dictionary
-        board = cls(match["kind"], int(match["columns"]), int(match["rows"]), square, marker, dictionary)
-        board.check()
-        return board
+        return cls(match["kind"], int(match["columns"]), int(match["rows"]), square, marker, dictionary)
 
-    def check(self) -> None:
-        """Raise a ValueError for a board that cannot be used."""
+    def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3:
             raise ValueError(f"board must have at least 3x3 squares, got {self.columns}x{self.rows}")
         if not 0.001 <= self.square <= 2:

@@ -207,7 +207,7 @@ def _chessboard_grid(gray: np.ndarray, least: tuple[int, int], exhaustive: int) 
 
 def _is_flat(grid: np.ndarray) -> bool:
     """Whether corners are the picture of a flat grid: the exhaustive search puts some on what is beside the board."""
-    flat = np.stack(np.mgrid[: grid.shape[0], : grid.shape[1]], axis=-1).reshape(-1, 2).astype(np.float32)
+    flat = np.moveaxis(np.indices(grid.shape[:2]), 0, -1).reshape(-1, 2).astype(np.float32)
     to_image, _ = cv2.findHomography(flat, grid.reshape(-1, 2))
     if to_image is None:
         return False

@@ -26,9 +26,7 @@ TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
 @command("track:track", output=Given(Path | None), frames=SceneFrames, settings=TrackFlags | None)
-def track(
-    call: Any, console: Console, loaded: Scene, output: Path | None, force: bool, settings: TrackFlags | None
-) -> int:
+def track(call: Any, console: Console, loaded: Scene, output: Path | None, force: bool, settings: Any) -> int:
     from mmocap_warp.commands.evaluate import evaluate_in_scene
     from mmocap_warp.commands.mask import with_masks
     from mmocap_warp.commands.show import show_all
@@ -39,7 +37,7 @@ def track(
     loaded = with_masks(loaded, console)
     tracked = call(scene=loaded, output=output, **({"resume": True} if whole and not force else {}))
     # Cameras that disagree are refined, unless something else is asked for.
-    asked = getattr(settings, "cameras", None) or "cameras" in loaded.track or tracked.config["cameras"] == REFINE
+    asked = (settings and settings.cameras) or "cameras" in loaded.track or tracked.config["cameras"] == REFINE
     if whole and not asked and verdict(tracked)["cameras"]:
         console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
         tracked = call(scene=loaded, output=output, force=True, cameras=REFINE)

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -61,9 +62,7 @@ def masks_by_program(
             for k, (source, name, size) in enumerate(zip(scene.cameras, names, sizes, strict=True)):
                 masks = folder / "masks" / name
                 masks.mkdir(parents=True, exist_ok=True)
-                program.make(
-                    frames[k].result(), masks, size, lambda done, k=k: progress(k * total + done, len(names) * total)
-                )
+                program.make(frames[k].result(), masks, size, partial(_report, progress, k * total, len(names) * total))
                 for frame in range(total):  # what the camera has no image of has an empty mask
                     if not (folder / "frames" / name / f"{frame:06d}.jpg").exists():
                         write_png(masks / f"{frame:06d}.png", np.zeros(size[::-1], bool))
@@ -72,6 +71,10 @@ def masks_by_program(
         finally:
             ahead.shutdown(cancel_futures=True)
     return replace(scene, cameras=tuple(sources), foreground=replace(scene.foreground, source="masks"))
+
+
+def _report(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
+    progress(before + done, total)
 
 
 def images_for_program(scene: Scene, folder: Path) -> Iterator[list[np.ndarray | None]]:

@@ -17,7 +17,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
 from mmocap_warp.formats.toml_table import listed
-from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.track_config import AS_GIVEN, REFINE, TrackConfig
 
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
@@ -26,15 +26,22 @@ TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
 @command("track:track", output=Given(Path | None), frames=SceneFrames, settings=TrackFlags | None)
-def track(call: Any, console: Console, loaded: Scene, output: Path | None, force: bool) -> int:
+def track(call: Any, console: Console, loaded: Scene, output: Path | None, force: bool, settings: Any) -> int:
     from mmocap_warp.commands.evaluate import evaluate_in_scene
     from mmocap_warp.commands.mask import with_masks
     from mmocap_warp.commands.show import show_all
+    from mmocap_warp.result.verdict import verdict
 
     # Without an output all is made beside the scene, and what exists is not made again.
     whole, output = output is None, output or loaded.directory / "result.usdc"
     loaded = with_masks(loaded, console)
     tracked = call(scene=loaded, output=output, **({"resume": True} if whole and not force else {}))
+    # Cameras that disagree are refined, unless something else is asked for.
+    asked = (settings and settings.cameras) or "cameras" in loaded.track or tracked.config["cameras"] == REFINE
+    if whole and not asked and verdict(tracked)["cameras"]:
+        console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
+        tracked = call(scene=loaded, output=output, force=True, cameras=REFINE)
+        force = True
     try:
         report, warning = evaluate_in_scene(tracked, loaded)
     except InputError:

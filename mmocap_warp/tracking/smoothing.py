@@ -79,7 +79,7 @@ class Mending:
     """
 
     held: np.ndarray
-    pins: Pins | None
+    pins: Pins
 
 
 def smoothed(
@@ -349,8 +349,7 @@ class _RunSmoother:
         self, mending: Mending, frames: np.ndarray, rooted: RootedPoses, contour: NormalEquations
     ) -> NormalEquations:
         """What contours and pins say, or that a frame is held."""
-        if mending.pins:
-            contour = contour.plus(mending.pins.of(frames, rooted, self._points))
+        contour = contour.plus(mending.pins.of(frames, rooted, self._points))
         held = NormalEquations(*map(np.zeros_like, vars(contour).values()))
         held.matrix[:] = _HELD_INFORMATION * np.eye(contour.matrix.shape[1])
         return held.where(mending.held[frames], contour)

@@ -282,12 +282,11 @@ class _RunSmoother:
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(acceleration), has_masks)
 
         # How sure the poses are: noise from frame to frame, and a body that is not quite the right one.
-        self._factors = deviation_factors(subject.body)
+        far = departure(subject.provenance)
+        self._factors = deviation_factors(subject.body, far)
         axes = stretched(self._factors.joint) if self._factors else None
         self._noise = Deviations(problem, acceleration, axes)
-        self._body = BodyDeviations(
-            problem, masks.linearise_body, masks.body_changes, axes, departure(subject.provenance)
-        )
+        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes, axes, far)
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
         self._usual_misfit = USUAL_MISFIT * subject.body.relative_size

@@ -78,17 +78,19 @@ def track_live(
     if not config.acceleration:
         raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
     tracker = make_tracker(subject, cameras, config, fps)
-    window = _Window(subject, cameras, config, fps)
+    window = Window(subject, cameras, config, fps)
     observations = (Observation.from_masks(list(each)) for each in masks)
     for answer in track_frames(tracker, observations, keep=window.observe):
         yield from window.add(answer)
     yield from window.rest()
 
 
-class _Window:
-    """The frames that are not final yet."""
+class Window:
+    """The frames that are not final yet; ``first`` is the number of the first frame."""
 
-    def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float) -> None:
+    def __init__(
+        self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float, first: int = 0
+    ) -> None:
         skeleton = subject.body.skeleton
         searched, limits = skeleton.searched(config.dof), search_limits(subject, config)
         rooting = Rooting(skeleton, subject.root_base, searched, limits)
@@ -96,12 +98,12 @@ class _Window:
         self._fitter = make_fitter(subject, cameras, config, LAG, frames=LAG)
         self._poser = Poser(subject.body, subject.root_base)
         self._answers: list[FrameAnswer] = []
-        self._first = 0  # number of the first of these
+        self._first = first  # number of the first of these
         self._tracked_before = np.zeros(config.runs, bool)
         self._rooting = rooting
         self._last_angles = np.tile(subject.pose[ROOT_ANGLES], (config.runs, 1))
         self._lags = [
-            FixedLag(ClipProblem(partial(self._linearise, run), rooting, points, fps), config.acceleration)
+            FixedLag(ClipProblem(partial(self._linearise, run), rooting, points, fps), config.acceleration, first)
             for run in range(config.runs)
         ]
 

@@ -67,7 +67,7 @@ def arrivals(scene: Scene, scale: float, addresses: Sequence[str]) -> Iterator[A
     settings, first = scene.foreground, addresses[0]
     if settings.source not in ("masks", *BACKGROUNDS):
         remedy = 'set [foreground] source to "clean_plate" or "background_video", or to "masks" where masks come'
-        raise InputError(scene.path, f"source = \"{settings.source}\" cannot make masks as images come", remedy)
+        raise InputError(scene.path, f'source = "{settings.source}" cannot make masks as images come', remedy)
     if len(addresses) == 1 and first.startswith(("tcp://", "ipc://")):
         return _messages(scene, scale, first)
     if len(addresses) == 1 and os.path.isdir(first):
@@ -296,7 +296,9 @@ def _from_cameras(scene: Scene, scale: float, addresses: Sequence[str]) -> Itera
         patience = time.monotonic() + _FIRST_IMAGE
         while any(camera.image(-math.inf) is None for camera in cameras):
             if time.monotonic() > patience:
-                silent = next(a for a, camera in zip(addresses, cameras, strict=True) if camera.image(-math.inf) is None)
+                silent = next(
+                    a for a, camera in zip(addresses, cameras, strict=True) if camera.image(-math.inf) is None
+                )
                 raise InputError(silent, "OpenCV gets no image from it", "check the address, or the camera's number")
             time.sleep(_POLL)
         begin, number = time.monotonic(), 0

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 from mmocap_warp.errors import InputError, UsageError, missing_package
 from mmocap_warp.streaming.packets import Packet, Sender
 
-_UNSENT = 4  # packets that wait for a slow listener; it misses later ones
+_UNSENT = 256  # packets that wait for a slow listener; it misses later ones
 
 
 def open_sender(address: str) -> Sender:

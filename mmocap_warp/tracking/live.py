@@ -88,9 +88,7 @@ def track_live(
 class Window:
     """The frames that are not final yet; ``first`` is the number of the first frame."""
 
-    def __init__(
-        self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float, first: int = 0
-    ) -> None:
+    def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float, first: int = 0) -> None:
         skeleton = subject.body.skeleton
         searched, limits = skeleton.searched(config.dof), search_limits(subject, config)
         rooting = Rooting(skeleton, subject.root_base, searched, limits)

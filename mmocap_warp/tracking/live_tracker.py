@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import queue
@@ -30,7 +31,7 @@ from mmocap_warp.tracking.tracker import lost_frame
 _MOST_BEHIND = 32  # frames that may wait to be smoothed; then the next frame waits too, so that memory stays the same
 _NICENESS = 5  # of the process that smooths: where cores are few, the frame that has just come goes first
 _PATIENCE = 1.0  # seconds between looks at whether that process lives
-_REHEARSALS = 3  # of a frame before the first: kernels are loaded in the first, and graphs captured in the second
+_REHEARSAL = 1.2  # seconds that are tracked before the first frame: all that is done now and then has been done once
 
 
 class LiveTracker:
@@ -60,12 +61,12 @@ class LiveTracker:
         own = (subject, cameras, replace(config, threads=1), fps)
         self._process = context.Process(target=_smooth, args=(self._frames, self._smoothed, *own), daemon=True)
         self._process.start()
-        # Rehearse with the body where it is taken to be, meanwhile.
+        # Meanwhile, rehearse with the body where it is taken to be: kernels are loaded, and graphs captured.
         first, state = _seen_at_start(subject, cameras, self._poser), self._tracker.state
-        for _ in range(_REHEARSALS):
-            self._frame(0, self._tracker.step(first))
+        for number in range(math.ceil(_REHEARSAL * fps)):
+            self._frame(number, self._tracked(first, number == 0))
         self._tracker.state = state
-        self._number: int | None = None  # of the last frame
+        self._begun = False
         self._next()
 
     def __enter__(self) -> Self:
@@ -83,12 +84,9 @@ class LiveTracker:
             masks: (height, width) bool of each camera; nothing of one that shows nothing.
         """
         observation = Observation.from_masks(list(masks))
-        answer = self._tracker.step(observation)
-        state = self._tracker.state
-        if self._number is None and isinstance(state, ContourState):
-            self._tracker.state = state.settled()  # else the next frames would be searched for too, which takes long
+        answer = self._tracked(observation, not self._begun)
+        self._begun = True
         self._hand_on((number, observation, answer))
-        self._number = number
         return self._frame(number, answer)
 
     def smoothed(self) -> Iterator[LiveFrame]:
@@ -102,6 +100,12 @@ class LiveTracker:
         self._hand_on(None)
         while (frame := self._next()) is not None:
             yield frame
+
+    def _tracked(self, observation: Observation, is_first: bool) -> FrameAnswer:
+        answer = self._tracker.step(observation)
+        if is_first and isinstance(state := self._tracker.state, ContourState):
+            self._tracker.state = state.settled()  # else the next frames would be searched for too, which takes long
+        return answer
 
     def _frame(self, number: int, answer: FrameAnswer) -> LiveFrame:
         """What is known at once."""

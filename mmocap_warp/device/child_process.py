@@ -10,7 +10,7 @@ from multiprocessing.connection import wait
 
 
 def follow_parent() -> None:
-    """Let this process ignore Ctrl-C, which is its parent's to handle, and end as soon as that does, however it does."""
+    """Let this process leave Ctrl-C to its parent, and end as soon as that does, however it does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -17,65 +15,47 @@ from mmocap_warp.tracking.live import LiveFrame
 
 @dataclass(frozen=True, eq=False)
 class Packet:
-    """An answer to a frame, of the first run.
+    """An answer to a frame, of its first run.
 
     Attributes:
-        frame: its number.
-        time: when it was seen, in seconds since 1970.
+        answer: what was found.
+        subject: whose body that is.
+        time: when the frame was seen, in seconds since 1970.
         smooth: whether frames after it had a say.
-        status: a name of ``STATUS``.
-        names: of the joints.
-        place: (joint, 3) in the world [m].
-        turn: (joint, 3, 3) from the body's bind pose, in the world.
-        iou: (camera,) NaN for a lost view.
         dropped: frames that were dropped so far.
     """
 
-    frame: int
+    answer: LiveFrame
+    subject: Subject
     time: float
     smooth: bool
-    status: str
-    names: tuple[str, ...]
-    place: np.ndarray
-    turn: np.ndarray
-    iou: np.ndarray
     dropped: int
 
     @cached_property
-    def quaternion(self) -> np.ndarray:
-        """(joint, 4) x, y, z, w of ``turn``."""
-        from scipy.spatial.transform import Rotation
-
-        quaternion: np.ndarray = Rotation.from_matrix(self.turn).as_quat()
-        return quaternion
+    def world(self) -> np.ndarray:
+        """(joint, 4, 4) of the joints in the world; turned from the body's bind pose [m]."""
+        world = joint_transforms(self.subject, self.answer.pose[:1])[1][0]
+        world[:, :3, :3] = world[:, :3, :3] @ transposed(self.subject.body.skeleton.frame.astype(float))
+        return world
 
     @cached_property
-    def json(self) -> bytes:
+    def values(self) -> np.ndarray:
+        """(joint, 7) the joints' places in the world [m], and how they turn: quaternions x, y, z, w."""
+        return np.concatenate([self.world[:, :3, 3], quaternions(self.world[:, :3, :3])], axis=1)
+
+    @cached_property
+    def json(self) -> str:
         """As ZMQ and WebSocket send it."""
-        plain = {name: getattr(self, name) for name in ("frame", "time", "smooth", "status", "names", "dropped")}
-        arrays = {"place": self.place.round(5).tolist(), "turn": self.quaternion.round(6).tolist()}
-        iou = [None if each != each else each for each in self.iou.round(4).tolist()]
-        return json.dumps({**plain, **arrays, "iou": iou}, separators=(",", ":")).encode()
+        told = {"frame": self.answer.number, "time": self.time, "smooth": self.smooth, "dropped": self.dropped}
+        told |= {"status": self.answer.status[0], "joints": self.subject.body.skeleton.joints}
+        told |= {"place": self.values[:, :3].round(5).tolist(), "turn": self.values[:, 3:].round(6).tolist()}
+        iou = [None if each != each else each for each in self.answer.iou[0].round(4).tolist()]
+        return json.dumps(told | {"iou": iou}, separators=(",", ":"))
 
 
-class Sender(Protocol):
-    """Who is told of packets; nothing of it waits for those who listen."""
+def quaternions(rotations: np.ndarray) -> np.ndarray:
+    """(n, 4) x, y, z, w of rotations (n, 3, 3)."""
+    from scipy.spatial.transform import Rotation
 
-    def send(self, packet: Packet) -> None:
-        """Tell of a packet."""
-
-    def close(self) -> None:
-        """Tell nothing more."""
-
-
-def packet_maker(subject: Subject) -> Callable[[LiveFrame, float, bool, int], Packet]:
-    """What makes packets of a subject's frames, of their times, of whether they are smoothed, and of how many were dropped."""
-    skeleton = subject.body.skeleton
-
-    def make(frame: LiveFrame, time: float, smooth: bool, dropped: int) -> Packet:
-        world = joint_transforms(subject, frame.pose[:1])[1][0]
-        turn = world[:, :3, :3] @ transposed(skeleton.frame.astype(float))
-        known = frame.number, time, smooth, frame.status[0], skeleton.joints
-        return Packet(*known, world[:, :3, 3], turn, frame.iou[0], dropped)
-
-    return make
+    values: np.ndarray = Rotation.from_matrix(rotations).as_quat()
+    return values

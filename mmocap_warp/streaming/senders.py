@@ -1,52 +1,221 @@
-"""Packets to other programs, by the libraries that these use: ZMQ, VMC over OSC, and LSL."""
+"""Packets to other programs, by the libraries that these use. No sender waits for those who listen."""
 
 from __future__ import annotations
 
+import queue
+import threading
+import time
+from contextlib import suppress
+from importlib import import_module
+from typing import Any, Protocol
 from urllib.parse import urlsplit
 
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.rotations import transposed
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.display.chart import COLOURS, colour_rules
+from mmocap_warp.display.page.page_content import body_content
+from mmocap_warp.display.page.viewer import embedded, filled, resource
 from mmocap_warp.errors import InputError, UsageError, missing_package
-from mmocap_warp.streaming.packets import Packet, Sender
+from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
+from mmocap_warp.result.excerpt import quarter_turn
+from mmocap_warp.streaming.packets import Packet, quaternions
 
 _UNSENT = 256  # packets that wait for a slow listener; it misses later ones
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "layers.js")
+_HUMANOID = {"Hips": "Hips", "Spine": "Spine", "Spine2": "Chest", "Neck": "Neck"} | {
+    f"{side}{theirs}": f"{side}{ours}"
+    for side in ("Left", "Right")
+    for theirs, ours in (
+        ("Arm", "UpperArm"), ("ForeArm", "LowerArm"), ("Hand", "Hand"), ("UpLeg", "UpperLeg"), ("Leg", "LowerLeg"),
+        ("Foot", "Foot"),
+    )
+}  # fmt: skip
+"""Unity's names of bones, by Mixamo's."""
 
 
-def open_sender(address: str) -> Sender:
-    """Who is told at an address.
+class Sender(Protocol):
+    """Tells of packets."""
+
+    def send(self, packet: Packet) -> None:
+        """Tell of one."""
+
+    def close(self) -> None:
+        """Tell of no more."""
+
+
+def open_sender(address: str, subject: Subject, rig: CameraRig, fps: float) -> Sender:
+    """A sender by its address.
 
     Raises:
-        UsageError: there is no such way.
-        InputError: a package is missing, or the address cannot be had.
+        UsageError: there is no such kind of address.
+        InputError: a package is missing, the address is taken, or the body is none that the listeners know.
     """
-    kind = urlsplit(address).scheme
-    if kind in ("tcp", "ipc"):
-        return ZmqSender(address)
-    raise UsageError(f"--to {address} is no address: give tcp://HOST:PORT")
+    parts = urlsplit(address)
+    try:
+        host, port = parts.hostname or "127.0.0.1", parts.port
+    except ValueError:
+        host, port = "", None
+    if parts.scheme in ("tcp", "ipc"):
+        return _Zmq(address)
+    if parts.scheme == "ws" and port:
+        return _Web(address, host, port, subject, rig)
+    if parts.scheme == "vmc" and port:
+        return _Vmc(address, host, port, subject, rig.up, "smooth" in parts.query)
+    if parts.scheme == "lsl" and parts.netloc:
+        return _Lsl(address, parts.netloc, subject, fps)
+    kinds = "tcp://HOST:PORT (ZMQ), ws://HOST:PORT (a page), vmc://HOST:PORT and lsl://NAME"
+    raise UsageError(f"--to {address} is no address; possible are {kinds}")
 
 
-class ZmqSender:
-    """Publishes packets as JSON, a message each.
+def _package(address: str, module: str, package: str) -> Any:
+    try:
+        return import_module(module)
+    except ImportError:
+        raise missing_package(address, package, "opened", "live", "leave that address out") from None
 
-    Raises:
-        InputError: ``pyzmq`` is not installed, or the address is taken.
-    """
+
+class _Zmq:
+    """Publishes packets as JSON, a message each."""
 
     def __init__(self, address: str) -> None:
-        try:
-            import zmq
-        except ImportError:
-            raise missing_package(address, "pyzmq", "written", "live", "send to another address") from None
+        zmq = _package(address, "zmq", "pyzmq")
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.PUB)
-        self._socket.setsockopt(zmq.SNDHWM, _UNSENT)
+        self._socket.set_hwm(_UNSENT)
         try:
             self._socket.bind(address)
         except zmq.ZMQError as error:
             raise InputError(address, f"cannot be opened ({error})", "choose another port") from None
 
     def send(self, packet: Packet) -> None:
-        """Publish it to those who listen."""
-        self._socket.send(packet.json)
+        self._socket.send_string(packet.json)
 
     def close(self) -> None:
-        """Let the port go."""
-        self._context.destroy(linger=0)
+        self._context.destroy(linger=1000)
+
+
+class _Web:
+    """Serves a page that draws the body, and packets as JSON over WebSocket to it and to programs."""
+
+    def __init__(self, address: str, host: str, port: int, subject: Subject, rig: CameraRig) -> None:
+        server = _package(address, "websockets.sync.server", "websockets")
+        self._gone = import_module("websockets.exceptions").ConnectionClosed
+        self._page, self._listeners, self._closed = _page(subject, rig), set[queue.Queue[str]](), False
+        try:
+            self._server = server.serve(self._listen, host, port, process_request=self._answer, compression=None)
+        except OSError as error:
+            raise InputError(address, f"cannot be opened ({error.strerror})", "choose another port") from None
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def send(self, packet: Packet) -> None:
+        for waiting in tuple(self._listeners):
+            with suppress(queue.Full):
+                waiting.put_nowait(packet.json)
+
+    def close(self) -> None:
+        self._closed = True
+        self._server.shutdown()
+
+    def _listen(self, connection: Any) -> None:
+        waiting: queue.Queue[str] = queue.Queue(_UNSENT)
+        self._listeners.add(waiting)
+        with suppress(self._gone):
+            while not self._closed:
+                with suppress(queue.Empty):
+                    connection.send(waiting.get(timeout=0.5))
+        self._listeners.remove(waiting)
+
+    def _answer(self, connection: Any, request: Any) -> Any:
+        """The page, to whoever asks for no WebSocket; a WebSocket to programs and to this page, not to other pages."""
+        origin = request.headers.get("Origin")
+        if "Upgrade" in request.headers:
+            is_other = origin is not None and urlsplit(origin).netloc != request.headers.get("Host")
+            return connection.respond(403, "open this server's own page\n") if is_other else None
+        response = connection.respond(200, self._page)
+        del response.headers["Content-Type"]
+        response.headers["Content-Type"] = "text/html; charset=utf-8"
+        return response
+
+
+def _page(subject: Subject, rig: CameraRig) -> str:
+    """The page that draws what is sent."""
+    cameras = [{what: getattr(rig, what)[k].tolist() for what in ("K", "R", "t", "size")} for k in range(len(rig))]
+    content = {"body": body_content(subject.body), "cameras": cameras, "names": rig.names, "colours": COLOURS}
+    scripts = [resource("mmocap_warp.display.page", name) for name in _SCRIPTS]
+    return filled(
+        resource("mmocap_warp.streaming", "live.html"),
+        title="Live",
+        script="\n".join([*scripts, resource("mmocap_warp.streaming", "live.js")]),
+        style=colour_rules(":root") + resource("mmocap_warp.display.page", "page.css"),
+        connects="'self'",
+        content=embedded(content | {"up": rig.up_vector.tolist()}),
+    )
+
+
+class _Vmc:
+    """Sends a person's bones by the Virtual Motion Capture protocol, as Unity has them: left-handed, y up."""
+
+    def __init__(self, address: str, host: str, port: int, subject: Subject, up: str, smooth: bool) -> None:
+        self._client = _package(address, "pythonosc.udp_client", "python-osc").UDPClient(host, port)
+        self._bundle, self._message = (import_module(f"pythonosc.osc_{kind}_builder") for kind in ("bundle", "message"))
+        skeleton = subject.body.skeleton
+        try:
+            names = rig_names(subject.body, "mixamo")
+        except ValueError as error:
+            raise InputError(address, str(error), "VMC is for people: send to another address") from None
+        self._bones = [
+            (skeleton.index(name), _HUMANOID[theirs[9:]]) for name, theirs in names.items() if theirs != name
+        ]
+        turn, rest = rest_pose(subject.body, RIGS["mixamo"])
+        self._from_rest, self._parent = transposed(turn), np.array(skeleton.parent)
+        self._offset = rest - rest[self._parent]
+        self._upright, self._smooth, self._begin = quarter_turn(up, "+y"), smooth, 0.0
+
+    def send(self, packet: Packet) -> None:
+        if packet.smooth != self._smooth:
+            return
+        self._begin = self._begin or packet.time
+        turned = self._upright @ packet.world[:, :3, :3] @ self._from_rest
+        place, own = self._offset.copy(), transposed(turned[self._parent]) @ turned
+        place[0], own[0] = self._upright @ packet.world[0, :3, 3], turned[0]
+        values = np.concatenate([place, quaternions(own)], axis=1) * [-1, 1, 1, 1, -1, -1, 1]  # x is mirrored
+        told: list[tuple[Any, ...]] = [("/VMC/Ext/OK", 1), ("/VMC/Ext/T", packet.time - self._begin)]
+        told += [("/mmocap/frame", packet.answer.number), ("/mmocap/time", str(packet.time))]
+        told += [("/VMC/Ext/Root/Pos", "root", *(0.0,) * 6, 1.0)]
+        told += [("/VMC/Ext/Bone/Pos", name, *values[joint].tolist()) for joint, name in self._bones]
+        bundle = self._bundle.OscBundleBuilder(self._bundle.IMMEDIATELY)
+        for name, *arguments in told:
+            message = self._message.OscMessageBuilder(name)
+            for argument in arguments:
+                message.add_arg(argument)
+            bundle.add_content(message.build())
+        self._client.send(bundle.build())
+
+    def close(self) -> None:
+        pass
+
+
+class _Lsl:
+    """Two streams of Lab Streaming Layer, NAME and NAME-smooth: number, time, and seven values of each joint."""
+
+    def __init__(self, address: str, name: str, subject: Subject, fps: float) -> None:
+        lsl = _package(address, "pylsl", "pylsl")
+        values = [f"{joint}.{axis}" for joint in subject.body.skeleton.joints for axis in ("x", "y", "z", *_QUATERNION)]
+        self._clock, self._outlets = lsl.local_clock, []
+        for stream in (name, f"{name}-smooth"):
+            info = lsl.StreamInfo(stream, "MoCap", 2 + len(values), fps, lsl.cf_double64, f"mmocap {stream}")
+            channels = info.desc().append_child("channels")
+            for label in ("frame", "time", *values):
+                channels.append_child("channel").append_child_value("label", label)
+            self._outlets.append(lsl.StreamOutlet(info))
+
+    def send(self, packet: Packet) -> None:
+        seen = self._clock() - (time.time() - packet.time)
+        self._outlets[packet.smooth].push_sample([packet.answer.number, packet.time, *packet.values.ravel()], seen)
+
+    def close(self) -> None:
+        self._outlets = []

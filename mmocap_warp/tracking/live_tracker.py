@@ -6,9 +6,10 @@ import math
 import multiprocessing
 import os
 import queue
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -57,17 +58,19 @@ class LiveTracker:
         self._tracker = make_tracker(subject, cameras, config, fps)
         self._poser = Poser(subject.body, subject.root_base)
         context = multiprocessing.get_context("spawn")  # a fork would not survive CUDA
-        self._frames, self._smoothed = context.Queue(_MOST_BEHIND), context.Queue()
-        own = (subject, cameras, replace(config, threads=1), fps)
-        self._process = context.Process(target=_smooth, args=(self._frames, self._smoothed, *own), daemon=True)
+        self._frames, self._solved = context.Queue(_MOST_BEHIND), context.Queue()
+        given = self._frames, self._solved, subject, cameras, replace(config, threads=1), fps
+        self._process = context.Process(target=_smooth, args=given, daemon=True)
         self._process.start()
-        # Meanwhile, rehearse with the body where it is taken to be: kernels are loaded, and graphs captured.
-        first, state = _seen_at_start(subject, cameras, self._poser), self._tracker.state
-        for number in range(math.ceil(_REHEARSAL * fps)):
-            self._frame(number, self._tracked(first, number == 0))
-        self._tracker.state = state
+        # Rehearse with the body where it is taken to be.
+        state, (vertices,) = self._tracker.state, self._poser.tracking_vertices(subject.pose)
+        seen = silhouettes(cameras, vertices, subject.body.tracking_face)
         self._begun = False
-        self._next()
+        for number in range(math.ceil(_REHEARSAL * fps)):
+            self.step(number, seen)
+        for _ in self.rest():
+            pass
+        self._tracker.state, self._begun = state, False
 
     def __enter__(self) -> Self:
         return self
@@ -77,108 +80,75 @@ class LiveTracker:
         self._process.join()
 
     def step(self, number: int, masks: Sequence[np.ndarray]) -> LiveFrame:
-        """Track frame ``number``, at once: no later frame has a say in the answer.
+        """Track frame ``number``, greater than that before, at once: no later frame has a say in the answer.
 
-        Args:
-            number: of the frame, greater than that of the frame before.
-            masks: (height, width) bool of each camera; nothing of one that shows nothing.
+        ``masks`` are (height, width) bool of each camera, empty where one shows nothing.
         """
         observation = Observation.from_masks(list(masks))
-        answer = self._tracked(observation, not self._begun)
-        self._begun = True
-        self._hand_on((number, observation, answer))
-        return self._frame(number, answer)
-
-    def smoothed(self) -> Iterator[LiveFrame]:
-        """The frames whose smoothed answers have come since."""
-        with suppress(queue.Empty):
-            while True:
-                yield self._checked(self._smoothed.get_nowait())
-
-    def rest(self) -> Iterator[LiveFrame]:
-        """The smoothed answers that are missing, once no frame will come."""
-        self._hand_on(None)
-        while (frame := self._next()) is not None:
-            yield frame
-
-    def _tracked(self, observation: Observation, is_first: bool) -> FrameAnswer:
         answer = self._tracker.step(observation)
-        if is_first and isinstance(state := self._tracker.state, ContourState):
+        if not self._begun and isinstance(state := self._tracker.state, ContourState):
             self._tracker.state = state.settled()  # else the next frames would be searched for too, which takes long
-        return answer
-
-    def _frame(self, number: int, answer: FrameAnswer) -> LiveFrame:
-        """What is known at once."""
+        self._begun = True
+        self._patiently(partial(self._frames.put, (number, observation, answer)))
         pose = answer.pose.astype(float)
         joints = self._poser.joint_transforms(pose)[:, :, :3, 3].astype(float)
         status = tuple(STATUS[each] for each in np.broadcast_to(answer.status, len(pose)))
         return LiveFrame(number, pose, pose, joints, answer.iou, status)
 
-    def _hand_on(self, frame: Any) -> None:
+    def smoothed(self) -> Iterator[LiveFrame]:
+        """The frames whose smoothed answers have come since."""
+        with suppress(queue.Empty):
+            while True:
+                yield self._solved.get_nowait()
+
+    def rest(self) -> Iterator[LiveFrame]:
+        """The smoothed answers that are missing, once no frame will come."""
+        self._patiently(partial(self._frames.put, None))
+        yield from iter(partial(self._patiently, self._solved.get), None)
+
+    def _patiently(self, act: Callable[..., Any]) -> Any:
+        """Do what may have to wait for the process that smooths.
+
+        Raises:
+            RuntimeError: it is dead.
+        """
         while True:
-            with suppress(queue.Full):
-                return self._frames.put(frame, timeout=_PATIENCE)
-            self._check_alive()
-
-    def _next(self) -> LiveFrame | None:
-        """What the process says next."""
-        while True:
-            with suppress(queue.Empty):
-                return self._checked(self._smoothed.get(timeout=_PATIENCE))
-            self._check_alive()
-
-    def _checked(self, said: Any) -> Any:
-        if isinstance(said, Exception):
-            raise said
-        return said
-
-    def _check_alive(self) -> None:
-        if not self._process.is_alive():
-            raise RuntimeError(f"the process that smooths ended with exit code {self._process.exitcode}")
+            with suppress(queue.Empty, queue.Full):
+                return act(timeout=_PATIENCE)
+            if not self._process.is_alive():
+                raise RuntimeError(f"the process that smooths ended with exit code {self._process.exitcode}")
 
 
-def _seen_at_start(subject: Subject, cameras: CameraRig, poser: Poser) -> Observation:
-    """The body in its first pose."""
-    (vertices,) = poser.tracking_vertices(subject.pose)
-    return Observation.from_masks(silhouettes(cameras, vertices, subject.body.tracking_face))
-
-
-def _smooth(frames: Any, smoothed: Any, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float) -> None:
-    """Smooth frames as they are handed on, up to a None; say None when ready, and in the end."""
+def _smooth(frames: Any, solved: Any, *given: Any) -> None:
+    """Smooth frames as they are handed on, up to a None, which is handed back after them; and again, without end."""
     follow_parent()
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
     start_quietly()
-    try:
-        seen = _seen_at_start(subject, cameras, Poser(subject.body, subject.root_base))
-        at_start = np.tile(subject.pose.astype(np.float32), (config.runs, 1))
-        known = replace(lost_frame(at_start, seen), status=STATUS.index("tracked"))
-        for _ in _smoothed(((number, seen, known) for number in range(LAG)), subject, cameras, config, fps):
-            pass  # a rehearsal
-        smoothed.put(None)
-        for frame in _smoothed(iter(frames.get, None), subject, cameras, config, fps):
-            smoothed.put(frame)
-        smoothed.put(None)
-    except Exception as error:
-        smoothed.put(RuntimeError(f"{type(error).__name__}: {error}"))  # every kind of error may not survive the way
+    while True:
+        for frame in _smoothed(iter(frames.get, None), *given):
+            solved.put(frame)
+        solved.put(None)
 
 
 def _smoothed(
-    frames: Any, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float
+    frames: Iterable[tuple[int, Observation, FrameAnswer]],
+    subject: Subject,
+    cameras: CameraRig,
+    config: TrackConfig,
+    fps: float,
 ) -> Iterator[LiveFrame]:
     """The smoothed answers to frames, each a number, what was seen and what was found at once."""
     window, expected, before = None, 0, None
     for number, observation, answer in frames:
         if window is None or number - expected > LAG:
-            if window is not None:
-                yield from window.rest()
+            yield from window.rest() if window else ()
             window, expected = Window(subject, cameras, config, fps, number), number
-        nothing = observation.without(np.ones(len(cameras), bool))
         for _ in range(expected, number):
+            nothing = observation.without(np.ones(len(cameras), bool))
             window.observe(nothing)
             yield from window.add(lost_frame(before, nothing))
         window.observe(observation)
         yield from window.add(answer)
         expected, before = number + 1, answer.pose
-    if window is not None:
-        yield from window.rest()
+    yield from window.rest() if window else ()

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import gc
+import math
 import time
 from collections import deque
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.commands.caller import Reporter, arguments_checked, describe, effective, start_warp
 from mmocap_warp.commands.inputs import Frames, scene_from
 from mmocap_warp.commands.outputs import new_file, releases_locks
@@ -23,10 +26,9 @@ from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.streaming.arrivals import arrivals, newest
+from mmocap_warp.streaming.arrivals import Arrival, arrivals, newest
 from mmocap_warp.streaming.growing_result import GrowingResult, finish, frames_beside
-from mmocap_warp.streaming.packets import Packet
-from mmocap_warp.streaming.senders import open_sender
+from mmocap_warp.streaming.senders import Packet, open_sender
 from mmocap_warp.tracking.live import LiveFrame
 from mmocap_warp.tracking.live_tracker import LiveTracker
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -46,10 +48,10 @@ class LiveReport:
             of the last 10,000 frames; NaN where there was none.
     """
 
-    frames: int
-    dropped: int
-    lost: int
-    delay_ms: tuple[float, float, float]
+    frames: int = 0
+    dropped: int = 0
+    lost: int = 0
+    delay_ms: tuple[float, float, float] = (math.nan,) * 3
 
 
 @releases_locks
@@ -91,13 +93,13 @@ def live(
         UsageError: a setting or an address that cannot be. TypeError: a setting that does not exist.
         InputError: anything wrong with the scene, the subject, the source or who is told; or a package is missing.
     """
-    reporter, counts = reporter or Reporter(), dict.fromkeys(("frames", "dropped", "lost"), 0)
+    reporter = reporter or Reporter()
+    if recover and record is None:
+        raise UsageError("--recover needs --record, the file of the recording that was killed")
     file = None if record is None else new_file(record, *USD_SUFFIXES, force=force or recover)
-    if recover:
-        if file is None:
-            raise UsageError("--recover needs --record, the file of the recording that was killed")
+    if recover and file is not None:
         finish(file)
-        return LiveReport(**counts, delay_ms=(np.nan, np.nan, np.nan))
+        return LiveReport()
     if file is not None and frames_beside(file).exists() and not force:
         raise InputError(file, "a recording that was killed lies here", "give --recover to keep it, or --force")
     loaded = load_scene(scene, live=True) if source and not isinstance(scene, Scene) else scene_from(scene, frames)
@@ -105,59 +107,66 @@ def live(
     if chosen.runs != 1:
         raise UsageError(f"--runs must be 1 to track live, got {chosen.runs}")
     start_warp(chosen.device)
-    subject = _subject(loaded, subject, bool(source), chosen, reporter)
+    known = _subject(loaded, subject, bool(source), chosen, reporter)
     reporter.note(f"live: {describe(chosen, loaded.track, settings)}")
 
-    rig, rate = loaded.rig(chosen.scale), loaded.fps if source else loaded.rate
-    times: dict[int, float] = {}  # of the frames that are not smoothed yet
-    silent: set[str] = set()
-    delays = deque[float](maxlen=_DELAYS)
-    nothing = [np.zeros((height, width), bool) for width, height in rig.size]
+    about = known, loaded.rig(chosen.scale), loaded.fps if source else loaded.rate
     with ExitStack() as stack, arguments_checked():
-        senders = [stack.enter_context(closing(open_sender(address, subject, rig, rate))) for address in to]
-        grown = None if file is None else stack.enter_context(GrowingResult(file, subject, rig, rate, chosen))
-        tracker = stack.enter_context(LiveTracker(subject, rig, rate, chosen))
+        listeners = [stack.enter_context(closing(open_sender(address, *about))) for address in to]
+        if file is not None:
+            listeners.append(stack.enter_context(closing(GrowingResult(file, *about, chosen))))
+        tracker = stack.enter_context(LiveTracker(*about, chosen))
         coming = stack.enter_context(closing(newest(arrivals(loaded, chosen.scale, source))))
-        seen = 0.0
-
-        def tell(frame: LiveFrame, moment: float, smooth: bool) -> None:
-            packet = Packet(frame, subject, moment, smooth, counts["dropped"])
-            for sender in senders:
-                sender.send(packet)
-
-        def tell_smoothed(frame: LiveFrame) -> None:
-            nonlocal seen
-            seen = times.pop(frame.number, seen + 1 / rate)  # one that was dropped comes after the one before it
-            tell(frame, seen, True)
-            if grown is not None:
-                grown.add(frame)
-
         gc.collect()
         gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
-        try:
-            last = None
-            for arrival in coming:
-                now_silent = {rig.names[k] for k, mask in enumerate(arrival.masks) if mask is None}
-                for name in sorted(now_silent ^ silent):
-                    what = "sends nothing, and is lost" if name in now_silent else "is back"
-                    reporter.note(f"live: frame {arrival.number}: camera {name} {what}")
-                silent = now_silent
-                counts["dropped"] += 0 if last is None else arrival.number - last - 1
-                last, times[arrival.number] = arrival.number, arrival.time
-                masks = [empty if mask is None else mask for mask, empty in zip(arrival.masks, nothing, strict=True)]
-                frame = tracker.step(arrival.number, masks)
-                counts["frames"] += 1
-                counts["lost"] += frame.status[0] == "lost"
-                tell(frame, arrival.time, False)
-                delays.append(1000 * (time.time() - arrival.time))
-                for each in tracker.smoothed():
-                    tell_smoothed(each)
-        except KeyboardInterrupt:  # as most sessions end
-            reporter.note("live: stopped")
-        for each in tracker.rest():
-            tell_smoothed(each)
+        return _track(tracker, coming, listeners, *about, reporter)
+
+
+def _track(
+    tracker: LiveTracker,
+    coming: Iterator[Arrival],
+    listeners: list[Any],
+    subject: Subject,
+    rig: CameraRig,
+    rate: float,
+    reporter: Reporter,
+) -> LiveReport:
+    """Track what is coming, and tell listeners."""
+    report, seen, last, silent = LiveReport(), 0.0, None, set[str]()
+    times: dict[int, float] = {}  # of the frames that are not smoothed yet
+    delays = deque[float](maxlen=_DELAYS)
+    nothing = [np.zeros((height, width), bool) for width, height in rig.size]
+
+    def tell(frame: LiveFrame, smooth: bool) -> None:
+        nonlocal seen
+        if smooth:  # a frame that was dropped came after the one before it
+            seen = times.pop(frame.number, seen + 1 / rate)
+        packet = Packet(frame, subject, seen if smooth else times[frame.number], smooth, report.dropped)
+        for each in listeners:
+            each.send(packet)
+
+    try:
+        for arrival in coming:
+            now_silent = {rig.names[k] for k, mask in enumerate(arrival.masks) if mask is None}
+            for name in sorted(now_silent ^ silent):
+                what = "sends nothing, and is lost" if name in now_silent else "is back"
+                reporter.note(f"live: frame {arrival.number}: camera {name} {what}")
+            masks = [empty if mask is None else mask for mask, empty in zip(arrival.masks, nothing, strict=True)]
+            gap = 0 if last is None else arrival.number - last - 1
+            times[arrival.number], last, silent = arrival.time, arrival.number, now_silent
+            frame = tracker.step(arrival.number, masks)
+            lost = report.lost + (frame.status[0] == "lost")
+            report = LiveReport(report.frames + 1, report.dropped + gap, lost)
+            tell(frame, False)
+            delays.append(1000 * (time.time() - arrival.time))
+            for each in tracker.smoothed():
+                tell(each, True)
+    except KeyboardInterrupt:  # as most sessions end
+        reporter.note("live: stopped")
+    for each in tracker.rest():
+        tell(each, True)
     median, late, most = np.percentile(delays or [np.nan], [50, 99, 100]).tolist()
-    return LiveReport(**counts, delay_ms=(median, late, most))
+    return replace(report, delay_ms=(median, late, most))
 
 
 def _subject(

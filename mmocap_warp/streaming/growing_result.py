@@ -16,11 +16,9 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_result import read_result, write_result
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
+from mmocap_warp.streaming.senders import Packet
 from mmocap_warp.tracking.frame_loop import collect
-from mmocap_warp.tracking.live import LiveFrame
 from mmocap_warp.tracking.track_config import TrackConfig
-
-_OF_FRAME = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}
 
 
 def frames_beside(path: Path) -> Path:
@@ -29,36 +27,35 @@ def frames_beside(path: Path) -> Path:
 
 
 class GrowingResult:
-    """A result that grows; to be used in a ``with``, at whose end it is whole."""
+    """Keeps what senders are told: the smoothed frames; when it is closed, the result is whole."""
 
     def __init__(self, path: Path, subject: Subject, rig: CameraRig, fps: float, config: TrackConfig) -> None:
-        pose, nothing = subject.pose[None], np.full((1, len(rig)), np.nan)
-        answer = FrameAnswer(pose, np.full(1, np.nan), nothing, 0, STATUS.index("lost"), 0.0)
-        begun = collect(subject, rig, fps, config, [answer])
-        begun = replace(begun, raw_pose=begun.pose, config=begun.config | {"live": True})
-        write_result(path, begun)
+        nothing = np.full((1, len(rig)), np.nan)
+        start = FrameAnswer(subject.pose[None], nothing[:, 0], nothing, 0, STATUS.index("lost"), 0.0)
+        begun = collect(subject, rig, fps, config, [start])
+        write_result(path, begun := replace(begun, raw_pose=begun.pose))
         self._path, self._kind = path, _record(begun)
         self._file = frames_beside(path).open("wb", buffering=0)
 
-    def __enter__(self) -> GrowingResult:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-        finish(self._path)
-
-    def add(self, frame: LiveFrame) -> None:
+    def send(self, packet: Packet) -> None:
         """Append a smoothed frame.
 
         Raises:
             InputError: there is no room.
         """
-        status = [STATUS.index(each) for each in frame.status]
-        record = np.array((frame.number, frame.pose, frame.raw_pose, frame.iou, status), self._kind)
-        try:
-            self._file.write(record.tobytes())
-        except OSError as error:
-            raise InputError(self._path, f"cannot grow ({error})", "make room") from None
+        if packet.smooth:
+            frame = packet.answer
+            status = [STATUS.index(each) for each in frame.status]
+            record = np.array((frame.number, frame.pose, frame.raw_pose, frame.iou, status), self._kind)
+            try:
+                self._file.write(record.tobytes())
+            except OSError as error:
+                raise InputError(self._path, f"cannot grow ({error})", "make room") from None
+
+    def close(self) -> None:
+        """Make the result whole."""
+        self._file.close()
+        finish(self._path)
 
 
 def finish(path: Path) -> None:
@@ -67,17 +64,15 @@ def finish(path: Path) -> None:
     Raises:
         InputError: no growing result lies there.
     """
-    beside = frames_beside(path)
-    if not beside.exists():
+    if not (beside := frames_beside(path)).exists():
         raise InputError(beside, "no such file", "name a result whose recording was interrupted")
-    begun = read_result(path)
+    begun, data = read_result(path), beside.read_bytes()
     kind = _record(begun)
-    data = beside.read_bytes()
     records = np.frombuffer(data, kind, len(data) // kind.itemsize)  # without what was half-written at a kill
-    if len(records):
-        arrays = {name: np.moveaxis(records[name], 0, 1).copy() for name in _OF_FRAME}
-        arrays |= {name: np.repeat(getattr(begun, name), len(records), axis=1) for name in ("cost", "evaluations")}
-        write_result(path, replace(begun, frame_numbers=records["number"], **arrays))
+    if count := len(records):
+        arrays = {name: np.moveaxis(records[name], 0, 1).copy() for name in kind.names or () if name != "frame_numbers"}
+        arrays |= {name: np.repeat(getattr(begun, name), count, axis=1) for name in ("cost", "evaluations")}
+        write_result(path, replace(begun, frame_numbers=records["frame_numbers"], **arrays))
     else:
         path.unlink()
     beside.unlink()
@@ -85,5 +80,6 @@ def finish(path: Path) -> None:
 
 def _record(result: Result) -> np.dtype:
     """A frame in the file, of all runs."""
-    shapes = [(name, kind, (len(result.pose), *getattr(result, name).shape[2:])) for name, kind in _OF_FRAME.items()]
-    return np.dtype([("number", "<i8"), *shapes])
+    kinds = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}
+    shapes = [(name, kind, (len(result.pose), *getattr(result, name).shape[2:])) for name, kind in kinds.items()]
+    return np.dtype([("frame_numbers", "<i8"), *shapes])

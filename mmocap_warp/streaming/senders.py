@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import queue
 import threading
 import time
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
 
-from mmocap_warp.body.model import Subject
+from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.body.rotations import transposed
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.display.chart import COLOURS, colour_rules
@@ -21,54 +24,80 @@ from mmocap_warp.display.page.viewer import embedded, filled, resource
 from mmocap_warp.errors import InputError, UsageError, missing_package
 from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
 from mmocap_warp.result.excerpt import quarter_turn
-from mmocap_warp.streaming.packets import Packet, quaternions
+from mmocap_warp.tracking.live import LiveFrame
 
 _UNSENT = 256  # packets that wait for a slow listener; it misses later ones
-_QUATERNION = ("qx", "qy", "qz", "qw")
 _SCRIPTS = ("data.js", "pinhole.js", "stage.js", "layers.js")
-_HUMANOID = {"Hips": "Hips", "Spine": "Spine", "Spine2": "Chest", "Neck": "Neck"} | {
-    f"{side}{theirs}": f"{side}{ours}"
-    for side in ("Left", "Right")
-    for theirs, ours in (
-        ("Arm", "UpperArm"), ("ForeArm", "LowerArm"), ("Hand", "Hand"), ("UpLeg", "UpperLeg"), ("Leg", "LowerLeg"),
-        ("Foot", "Foot"),
-    )
-}  # fmt: skip
-"""Unity's names of bones, by Mixamo's."""
+_UNITY = {"Spine2": "Chest", "Arm": "UpperArm", "ForeArm": "LowerArm", "UpLeg": "UpperLeg", "Leg": "LowerLeg"}
+"""Names of bones by Mixamo's, without their sides, where they differ."""
 
 
-class Sender(Protocol):
-    """Tells of packets."""
+@dataclass(frozen=True, eq=False)
+class Packet:
+    """An answer to a frame, of its first run.
 
-    def send(self, packet: Packet) -> None:
-        """Tell of one."""
+    Attributes:
+        answer: what was found.
+        subject: whose body that is.
+        time: when the frame was seen, in seconds since 1970.
+        smooth: whether frames after it had a say.
+        dropped: frames that were dropped so far.
+    """
 
-    def close(self) -> None:
-        """Tell of no more."""
+    answer: LiveFrame
+    subject: Subject
+    time: float
+    smooth: bool
+    dropped: int
+
+    @cached_property
+    def world(self) -> np.ndarray:
+        """(joint, 4, 4) of the joints in the world, turned from the body's bind pose [m]."""
+        world = joint_transforms(self.subject, self.answer.pose[:1])[1][0]
+        world[:, :3, :3] = world[:, :3, :3] @ transposed(self.subject.body.skeleton.frame.astype(float))
+        return world
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """(joint, 7) the same as x, y, z [m] and quaternions x, y, z, w."""
+        return _with_quaternions(self.world[:, :3, 3], self.world[:, :3, :3])
+
+    @cached_property
+    def json(self) -> str:
+        """As ZMQ and WebSocket send it."""
+        told = {"frame": self.answer.number, "time": self.time, "smooth": self.smooth, "dropped": self.dropped}
+        told |= {"status": self.answer.status[0], "joints": self.subject.body.skeleton.joints}
+        told |= {"place": self.values[:, :3].round(5).tolist(), "turn": self.values[:, 3:].round(6).tolist()}
+        iou = [None if each != each else each for each in self.answer.iou[0].round(4).tolist()]
+        return json.dumps(told | {"iou": iou}, separators=(",", ":"))
 
 
-def open_sender(address: str, subject: Subject, rig: CameraRig, fps: float) -> Sender:
-    """A sender by its address.
+def open_sender(address: str, subject: Subject, rig: CameraRig, fps: float) -> Any:
+    """What tells those at an address, by its ``send(packet)``, until its ``close()``.
 
     Raises:
         UsageError: there is no such kind of address.
         InputError: a package is missing, the address is taken, or the body is none that the listeners know.
     """
     parts = urlsplit(address)
-    try:
-        host, port = parts.hostname or "127.0.0.1", parts.port
-    except ValueError:
-        host, port = "", None
+    host, port = parts.hostname or "127.0.0.1", parts.netloc.rpartition(":")[2]
     if parts.scheme in ("tcp", "ipc"):
         return _Zmq(address)
-    if parts.scheme == "ws" and port:
-        return _Web(address, host, port, subject, rig)
-    if parts.scheme == "vmc" and port:
-        return _Vmc(address, host, port, subject, rig.up, "smooth" in parts.query)
+    if parts.scheme == "ws" and port.isdecimal():
+        return _Web(address, host, int(port), subject, rig)
+    if parts.scheme == "vmc" and port.isdecimal():
+        return _Vmc(address, host, int(port), subject, rig.up)
     if parts.scheme == "lsl" and parts.netloc:
-        return _Lsl(address, parts.netloc, subject, fps)
+        return _Lsl(address, subject, fps)
     kinds = "tcp://HOST:PORT (ZMQ), ws://HOST:PORT (a page), vmc://HOST:PORT and lsl://NAME"
     raise UsageError(f"--to {address} is no address; possible are {kinds}")
+
+
+def _with_quaternions(place: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(n, 7) places (n, 3), then quaternions x, y, z, w of rotations (n, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.concatenate([place, Rotation.from_matrix(turn).as_quat()], axis=1)
 
 
 def _package(address: str, module: str, package: str) -> Any:
@@ -159,21 +188,18 @@ def _page(subject: Subject, rig: CameraRig) -> str:
 class _Vmc:
     """Sends a person's bones by the Virtual Motion Capture protocol, as Unity has them: left-handed, y up."""
 
-    def __init__(self, address: str, host: str, port: int, subject: Subject, up: str, smooth: bool) -> None:
-        self._client = _package(address, "pythonosc.udp_client", "python-osc").UDPClient(host, port)
-        self._bundle, self._message = (import_module(f"pythonosc.osc_{kind}_builder") for kind in ("bundle", "message"))
+    def __init__(self, address: str, host: str, port: int, subject: Subject, up: str) -> None:
+        self._client = _package(address, "pythonosc.udp_client", "python-osc").SimpleUDPClient(host, port)
         skeleton = subject.body.skeleton
         try:
             names = rig_names(subject.body, "mixamo")
         except ValueError as error:
             raise InputError(address, str(error), "VMC is for people: send to another address") from None
-        self._bones = [
-            (skeleton.index(name), _HUMANOID[theirs[9:]]) for name, theirs in names.items() if theirs != name
-        ]
+        self._bones = [(skeleton.index(name), _unity(theirs)) for name, theirs in names.items() if theirs != name]
         turn, rest = rest_pose(subject.body, RIGS["mixamo"])
         self._from_rest, self._parent = transposed(turn), np.array(skeleton.parent)
-        self._offset = rest - rest[self._parent]
-        self._upright, self._smooth, self._begin = quarter_turn(up, "+y"), smooth, 0.0
+        self._offset, self._upright = rest - rest[self._parent], quarter_turn(up, "+y")
+        self._smooth, self._begin = address.endswith("?smooth"), 0.0
 
     def send(self, packet: Packet) -> None:
         if packet.smooth != self._smooth:
@@ -182,36 +208,38 @@ class _Vmc:
         turned = self._upright @ packet.world[:, :3, :3] @ self._from_rest
         place, own = self._offset.copy(), transposed(turned[self._parent]) @ turned
         place[0], own[0] = self._upright @ packet.world[0, :3, 3], turned[0]
-        values = np.concatenate([place, quaternions(own)], axis=1) * [-1, 1, 1, 1, -1, -1, 1]  # x is mirrored
-        told: list[tuple[Any, ...]] = [("/VMC/Ext/OK", 1), ("/VMC/Ext/T", packet.time - self._begin)]
-        told += [("/mmocap/frame", packet.answer.number), ("/mmocap/time", str(packet.time))]
-        told += [("/VMC/Ext/Root/Pos", "root", *(0.0,) * 6, 1.0)]
-        told += [("/VMC/Ext/Bone/Pos", name, *values[joint].tolist()) for joint, name in self._bones]
-        bundle = self._bundle.OscBundleBuilder(self._bundle.IMMEDIATELY)
-        for name, *arguments in told:
-            message = self._message.OscMessageBuilder(name)
-            for argument in arguments:
-                message.add_arg(argument)
-            bundle.add_content(message.build())
-        self._client.send(bundle.build())
+        values = _with_quaternions(place, own) * [-1, 1, 1, 1, -1, -1, 1]  # x is mirrored
+        tell = self._client.send_message
+        tell("/mmocap/frame", [packet.answer.number, str(packet.time)])
+        tell("/VMC/Ext/Root/Pos", ["root", *(0.0,) * 6, 1.0])
+        for joint, name in self._bones:
+            tell("/VMC/Ext/Bone/Pos", [name, *values[joint].tolist()])
+        tell("/VMC/Ext/OK", 1)
+        tell("/VMC/Ext/T", packet.time - self._begin)
 
     def close(self) -> None:
         pass
 
 
+def _unity(mixamo: str) -> str:
+    """A bone's name."""
+    name = mixamo.removeprefix("mixamorig")
+    side = next((each for each in ("Left", "Right") if name.startswith(each)), "")
+    return side + _UNITY.get(name.removeprefix(side), name.removeprefix(side))
+
+
 class _Lsl:
     """Two streams of Lab Streaming Layer, NAME and NAME-smooth: number, time, and seven values of each joint."""
 
-    def __init__(self, address: str, name: str, subject: Subject, fps: float) -> None:
-        lsl = _package(address, "pylsl", "pylsl")
-        values = [f"{joint}.{axis}" for joint in subject.body.skeleton.joints for axis in ("x", "y", "z", *_QUATERNION)]
-        self._clock, self._outlets = lsl.local_clock, []
-        for stream in (name, f"{name}-smooth"):
-            info = lsl.StreamInfo(stream, "MoCap", 2 + len(values), fps, lsl.cf_double64, f"mmocap {stream}")
-            channels = info.desc().append_child("channels")
-            for label in ("frame", "time", *values):
-                channels.append_child("channel").append_child_value("label", label)
+    def __init__(self, address: str, subject: Subject, fps: float) -> None:
+        lsl, self._outlets = _package(address, "pylsl", "pylsl"), []
+        axes = ("x", "y", "z", "qx", "qy", "qz", "qw")
+        labels = ["frame", "time", *(f"{joint}.{axis}" for joint in subject.body.skeleton.joints for axis in axes)]
+        for name in (address[6:], f"{address[6:]}-smooth"):
+            info = lsl.StreamInfo(name, "MoCap", len(labels), fps, lsl.cf_double64, f"mmocap {name}")
+            info.set_channel_labels(labels)
             self._outlets.append(lsl.StreamOutlet(info))
+        self._clock = lsl.local_clock
 
     def send(self, packet: Packet) -> None:
         seen = self._clock() - (time.time() - packet.time)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
@@ -9,6 +11,7 @@ from synthetic import ring_rig, synthetic_poses, synthetic_subject
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.streaming.growing_result import GrowingResult, finish, frames_beside
+from mmocap_warp.streaming.senders import Packet
 from mmocap_warp.tracking.live import LiveFrame
 from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -16,12 +19,13 @@ SUBJECT, RIG = synthetic_subject(), ring_rig(2)
 POSES = synthetic_poses(4)
 
 
-def frames() -> list[LiveFrame]:
+def packets() -> list[Packet]:
     iou = np.array([[0.9, np.nan]])
-    return [
+    frames = [
         LiveFrame(number, pose[None], pose[None] + 0.01, np.zeros((1, 1, 3)), iou, ("partial",))
         for number, pose in zip((5, 6, 7, 9), POSES, strict=True)
     ]
+    return [Packet(frame, SUBJECT, 0.0, smooth, 0) for frame in frames for smooth in (False, True)]
 
 
 def grown(path) -> GrowingResult:
@@ -40,17 +44,17 @@ def check(path, count: int) -> None:
 
 def test_what_was_added_is_the_result(tmp_path):
     path = tmp_path / "live.usdc"
-    with grown(path) as result:
-        for frame in frames():
-            result.add(frame)
+    with closing(grown(path)) as result:
+        for packet in packets():
+            result.send(packet)
     check(path, 4)
 
 
 def test_after_a_kill_all_whole_frames_are_recovered(tmp_path):
     path = tmp_path / "live.usdc"
     result = grown(path)
-    for frame in frames():
-        result.add(frame)
+    for packet in packets():
+        result.send(packet)
     beside = frames_beside(path)
     beside.write_bytes(beside.read_bytes()[:-5])  # the process is gone, and its last frame is half-written
     finish(path)
@@ -60,6 +64,5 @@ def test_after_a_kill_all_whole_frames_are_recovered(tmp_path):
 
 
 def test_without_a_frame_nothing_is_left(tmp_path):
-    with grown(tmp_path / "live.usdc"):
-        pass
+    grown(tmp_path / "live.usdc").close()
     assert list(tmp_path.iterdir()) == []

@@ -51,7 +51,7 @@ def track(call: Any, console: Console, loaded: Scene, output: Path | None, force
 
 @command(
     "live_session:live",
-    order="subject source to record recover",
+    order="subject source to record",
     source=several("--source"),
     to=several("--to"),
     frames=SceneFrames,

@@ -34,6 +34,7 @@ from mmocap_warp.tracking.live_tracker import LiveTracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _DELAYS = 10_000  # frames whose delays are reported: the last ones
+_About = tuple[Subject, CameraRig, float]  # who is tracked, the cameras, and frames a second
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,6 @@ def live(
     source: tuple[str, ...] = (),
     to: tuple[str, ...] = (),
     record: str | Path | None = None,
-    recover: bool = False,
     frames: Frames = None,
     force: bool = False,
     reporter: Reporter | None = None,
@@ -82,8 +82,8 @@ def live(
             rtsp://... [default: the scene's own files, at their pace]
         to: who is told: tcp://HOST:PORT (ZMQ), ws://HOST:PORT (WebSocket, and a page to look at), vmc://HOST:PORT or
             vmc://HOST:PORT?smooth (VMC by OSC), lsl://NAME (LSL).
-        record: a result's file that is written as it goes: .usdc, .usda or .usd.
-        recover: only make a result of what a recording holds that was killed.
+        record: a result's file that is written as it goes: .usdc, .usda or .usd. Of a session that was killed, the next
+            one with the same file keeps the frames first.
         frames: which of the recording's frames. [default: those that the scene names]
         force: replace a result that exists.
         reporter: who is told of notes.
@@ -94,14 +94,12 @@ def live(
         InputError: anything wrong with the scene, the subject, the source or who is told; or a package is missing.
     """
     reporter = reporter or Reporter()
-    if recover and record is None:
-        raise UsageError("--recover needs --record, the file of the recording that was killed")
-    file = None if record is None else new_file(record, *USD_SUFFIXES, force=force or recover)
-    if recover and file is not None:
-        finish(file)
-        return LiveReport()
-    if file is not None and frames_beside(file).exists() and not force:
-        raise InputError(file, "a recording that was killed lies here", "give --recover to keep it, or --force")
+    file = None if record is None else new_file(record, *USD_SUFFIXES, force=True)
+    if file is not None:
+        if frames_beside(file).exists():
+            finish(file)
+            reporter.note(f"{file}: holds the frames of a session that was killed")
+        new_file(file, file.suffix, force=force)
     loaded = load_scene(scene, live=True) if source and not isinstance(scene, Scene) else scene_from(scene, frames)
     chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
     if chosen.runs != 1:
@@ -119,20 +117,14 @@ def live(
         coming = stack.enter_context(closing(newest(arrivals(loaded, chosen.scale, source))))
         gc.collect()
         gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
-        return _track(tracker, coming, listeners, *about, reporter)
+        return _track(tracker, coming, listeners, about, reporter)
 
 
 def _track(
-    tracker: LiveTracker,
-    coming: Iterator[Arrival],
-    listeners: list[Any],
-    subject: Subject,
-    rig: CameraRig,
-    rate: float,
-    reporter: Reporter,
+    tracker: LiveTracker, coming: Iterator[Arrival], listeners: list[Any], about: _About, reporter: Reporter
 ) -> LiveReport:
     """Track what is coming, and tell listeners."""
-    report, seen, last, silent = LiveReport(), 0.0, None, set[str]()
+    (subject, rig, rate), report, seen, last, silent = about, LiveReport(), 0.0, None, set[str]()
     times: dict[int, float] = {}  # of the frames that are not smoothed yet
     delays = deque[float](maxlen=_DELAYS)
     nothing = [np.zeros((height, width), bool) for width, height in rig.size]

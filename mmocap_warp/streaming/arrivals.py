@@ -8,10 +8,11 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +82,7 @@ def newest(source: Iterator[Arrival]) -> Iterator[Arrival]:
     A thread reads the source from the second frame on: trackers search for the first one, and what comes meanwhile is
     not asked for.
     """
-    if (first := next(source, None)) is None:
-        return
-    yield first
+    yield from islice(source, 1)
     waiting: queue.Queue[Arrival | Exception | None] = queue.Queue(1)
     stopped = threading.Event()
 
@@ -92,14 +91,13 @@ def newest(source: Iterator[Arrival]) -> Iterator[Arrival]:
         try:
             for frame in source:
                 if stopped.is_set():
-                    return
+                    break
                 with suppress(queue.Empty):
                     waiting.get_nowait()
                 waiting.put(frame)
         except Exception as error:
             end = error
-        finally:
-            source.close()  # type: ignore[attr-defined]
+        source.close()  # type: ignore[attr-defined]
         waiting.put(end)
 
     threading.Thread(target=read, daemon=True).start()
@@ -130,12 +128,11 @@ class _MaskMaking:
     def _mask(self, k: int, image: Any) -> np.ndarray | None:
         if image is None:
             return None
-        source, size = self._scene.cameras[k], self._scene.calibrated.size[k]
+        source, (width, height) = self._scene.cameras[k], self._scene.calibrated.size[k]
         as_calibrated = source.mask_mark is None and source.recorded_scale == 1 and not any(source.recorded_offset)
-        if as_calibrated and image.shape[1::-1] != tuple(size):
-            found = "{1}x{0}".format(*image.shape)
-            remedy = "set the camera to that size, or calibrate this one"
-            raise InputError(source.name, f"sends {found}, the calibration says {size[0]}x{size[1]}", remedy)
+        if as_calibrated and image.shape[:2] != (height, width):
+            problem = f"sends {image.shape[1]}x{image.shape[0]}, the calibration says {width}x{height}"
+            raise InputError(source.name, problem, "set the camera to that size, or calibrate this one")
         return clean_mask(self._make[k](image), self._scene.foreground, self._scale, self._kept[k])
 
     def decoded(self, data: bytes, origin: object) -> Any:
@@ -162,9 +159,8 @@ def _growing(scene: Scene, scale: float, folder: Path) -> Iterator[Arrival]:
     A frame is there when all cameras have it. Where the next one has come, cameras that lack it sent nothing.
     """
     make, folders = _MaskMaking(scene, scale), [folder / name for name in scene.calibrated.names]
-    for each in folders:
-        if not each.is_dir():
-            raise InputError(each, "no such folder", "make a folder of each camera's name, for its numbered images")
+    if missing := [each for each in folders if not each.is_dir()]:
+        raise InputError(missing[0], "no such folder", "make a folder of each camera's name, for its numbered images")
     while not all(there := [[name for name in os.listdir(each) if name[0].isdecimal()] for each in folders]):
         time.sleep(_POLL)
     ends = [each / max(names, key=natural_order) for each, names in zip(folders, there, strict=True)]
@@ -175,12 +171,11 @@ def _growing(scene: Scene, scale: float, folder: Path) -> Iterator[Arrival]:
         return [file if file.exists() else None for file in named]
 
     while True:
-        if all(found := files(number)) or any(files(number + 1)):
-            found = files(number)  # what came between these looks
-            yield Arrival(number, time.time(), make([file and make.decoded(read_file(file), file) for file in found]))
-            number += 1
-        else:
+        while not (all(files(number)) or any(files(number + 1))):
             time.sleep(_POLL)
+        images = [file and make.decoded(read_file(file), file) for file in files(number)]
+        yield Arrival(number, time.time(), make(images))
+        number += 1
 
 
 def _messages(scene: Scene, scale: float, address: str) -> Iterator[Arrival]:
@@ -212,52 +207,43 @@ def _messages(scene: Scene, scale: float, address: str) -> Iterator[Arrival]:
                 raise InputError(address, f"sent what is no frame ({error})", remedy) from None
 
 
-class _Camera:
-    """The newest image of a camera that OpenCV opens; opened again where it stops."""
+def _camera(address: str, stopped: threading.Event) -> Callable[[float], np.ndarray | None]:
+    """What gives the newest image of a camera, unless it came before a time of the monotonic clock.
 
-    def __init__(self, address: str) -> None:
-        self._address: str | int = int(address) if address.isdecimal() else address
-        self._newest: tuple[float, np.ndarray | None] = (-math.inf, None)
-        self._stopped = threading.Event()
-        threading.Thread(target=self._read, daemon=True).start()
+    A thread opens the camera, and opens it again where it stops.
+    """
+    newest_image: tuple[float, np.ndarray | None] = (-math.inf, None)
 
-    def image(self, oldest: float = -math.inf) -> np.ndarray | None:
-        """The newest image, unless it came before a time of the monotonic clock."""
-        came, image = self._newest
-        return image if came >= oldest else None
-
-    def close(self) -> None:
-        """Stop after the image that is being read."""
-        self._stopped.set()
-
-    def _read(self) -> None:
-        while not self._stopped.is_set():
-            capture = cv2.VideoCapture(self._address)
-            while not self._stopped.is_set() and (got := capture.read())[0]:
-                self._newest = (time.monotonic(), got[1])
+    def read() -> None:
+        nonlocal newest_image
+        while not stopped.is_set():
+            capture = cv2.VideoCapture(int(address) if address.isdecimal() else address)
+            while not stopped.is_set() and (got := capture.read())[0]:
+                newest_image = time.monotonic(), got[1]
             capture.release()
-            self._stopped.wait(_RETRY)
+            stopped.wait(_RETRY)
+
+    threading.Thread(target=read, daemon=True).start()
+    return lambda oldest: newest_image[1] if newest_image[0] >= oldest else None
 
 
 def _from_cameras(scene: Scene, scale: float, addresses: Sequence[str]) -> Iterator[Arrival]:
     """What cameras show at even times, by the scene's frame rate."""
-    make, period = _MaskMaking(scene, scale), 1.0 / scene.fps
-    cameras = [_Camera(address) for address in addresses]
+    make, period, stopped = _MaskMaking(scene, scale), 1.0 / scene.fps, threading.Event()
+    cameras = [_camera(address, stopped) for address in addresses]
     try:
         patience = time.monotonic() + _FIRST_IMAGE
-        for address, camera in zip(addresses, cameras, strict=True):
-            while camera.image() is None:
+        for address, image in zip(addresses, cameras, strict=True):
+            while image(0.0) is None:
                 if time.monotonic() > patience:
                     raise InputError(address, "OpenCV gets no image from it", "check the address or the number")
                 time.sleep(_POLL)
         begin, number = 0.0, 0
         while True:
             oldest = time.monotonic() - _STALE * period
-            yield Arrival(number, time.time(), make([camera.image(oldest) for camera in cameras]))
-            if number == 0:
-                begin = time.monotonic()  # the clock starts once the first frame is done
+            yield Arrival(number, time.time(), make([image(oldest) for image in cameras]))
+            begin = begin or time.monotonic()  # the clock starts once the first frame is done
             number = max(number + 1, math.ceil((time.monotonic() - begin) / period))
             time.sleep(max(0.0, begin + number * period - time.monotonic()))
     finally:
-        for camera in cameras:
-            camera.close()
+        stopped.set()

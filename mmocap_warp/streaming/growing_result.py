@@ -1,7 +1,7 @@
 """A result that is written as it grows, so that a process that is killed loses no frame whose answer is final.
 
 At first the result holds the pose to start from, and all that is known before a frame comes. Frames are appended to a
-file beside it, and moved into the result in the end, or when it is recovered.
+file beside it, and moved into the result in the end; after a kill, before the next session.
 """
 
 from __future__ import annotations
@@ -59,15 +59,9 @@ class GrowingResult:
 
 
 def finish(path: Path) -> None:
-    """Make a growing result whole; without any frame, nothing is left of it.
-
-    Raises:
-        InputError: no growing result lies there.
-    """
-    if not (beside := frames_beside(path)).exists():
-        raise InputError(beside, "no such file", "name a result whose recording was interrupted")
-    begun, data = read_result(path), beside.read_bytes()
-    kind = _record(begun)
+    """Make a growing result whole; without any frame, nothing is left of it."""
+    begun, beside = read_result(path), frames_beside(path)
+    data, kind = beside.read_bytes(), _record(begun)
     records = np.frombuffer(data, kind, len(data) // kind.itemsize)  # without what was half-written at a kill
     if count := len(records):
         arrays = {name: np.moveaxis(records[name], 0, 1).copy() for name in kind.names or () if name != "frame_numbers"}

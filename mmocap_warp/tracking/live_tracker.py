@@ -131,21 +131,15 @@ def _smooth(frames: Any, solved: Any, *given: Any) -> None:
         solved.put(None)
 
 
-def _smoothed(
-    frames: Iterable[tuple[int, Observation, FrameAnswer]],
-    subject: Subject,
-    cameras: CameraRig,
-    config: TrackConfig,
-    fps: float,
-) -> Iterator[LiveFrame]:
+def _smoothed(frames: Iterable[tuple[int, Observation, FrameAnswer]], *about: Any) -> Iterator[LiveFrame]:
     """The smoothed answers to frames, each a number, what was seen and what was found at once."""
     window, expected, before = None, 0, None
     for number, observation, answer in frames:
         if window is None or number - expected > LAG:
             yield from window.rest() if window else ()
-            window, expected = Window(subject, cameras, config, fps, number), number
+            window, expected = Window(*about, first=number), number
         for _ in range(expected, number):
-            nothing = observation.without(np.ones(len(cameras), bool))
+            nothing = observation.without(np.ones(len(observation.foreground), bool))
             window.observe(nothing)
             yield from window.add(lost_frame(before, nothing))
         window.observe(observation)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from contextlib import closing
 
 import numpy as np
-import pytest
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
-from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.streaming.growing_result import GrowingResult, finish, frames_beside
 from mmocap_warp.streaming.senders import Packet
@@ -59,8 +57,6 @@ def test_after_a_kill_all_whole_frames_are_recovered(tmp_path):
     beside.write_bytes(beside.read_bytes()[:-5])  # the process is gone, and its last frame is half-written
     finish(path)
     check(path, 3)
-    with pytest.raises(InputError, match="no such file; name a result whose recording was interrupted"):
-        finish(path)
 
 
 def test_without_a_frame_nothing_is_left(tmp_path):

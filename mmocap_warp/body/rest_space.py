@@ -98,11 +98,11 @@ class RestSpace:
             weight = mirrored_weights(body)
             columns = {one.name: one for one in (*_bones(body, alone, weight), *_girths(body, alone, weight))}
         both = [[columns.get(f"{kind}.{name}") for name in pair] for kind in ("bone", "girth") for pair in pairs]
-        found = [(left, right) for left, right in both if left and right]
+        two_sided = [(left, right) for left, right in both if left and right]
         return (
-            np.array([_SIDES_SHARE * left.sigma for left, _ in found]),
-            np.array([left.skin - right.skin for left, right in found]).reshape(-1, *body.skin.rest.shape),
-            np.array([left.joint - right.joint for left, right in found]).reshape(-1, *body.joint_rest.shape),
+            np.array([_SIDES_SHARE * left.sigma for left, _ in two_sided]),
+            np.array([left.skin - right.skin for left, right in two_sided]).reshape(-1, *body.skin.rest.shape),
+            np.array([left.joint - right.joint for left, right in two_sided]).reshape(-1, *body.joint_rest.shape),
         )
 
     @cached_property

@@ -212,13 +212,13 @@ def _draw_freedom(sheet: _Sheet, body: BodyModel, joint: int, axis: int, extent:
 
 def _slides(body: BodyModel) -> dict[tuple[int, int], np.ndarray]:
     """The lowest and the highest place (2, 3) of each searched slide that has limits, by joint and axis."""
-    skeleton, found = body.skeleton, {}
+    skeleton, ends = body.skeleton, {}
     for coordinate in skeleton.searched_shifts():
         joint, axis = divmod(int(coordinate) - TRANSLATION, 3)
         limits = skeleton.limits[joint, axis].astype(float)
         if np.isfinite(limits).all():
-            found[joint, axis] = body.joint_rest[joint] + limits[:, None] * skeleton.frame[joint, :, axis].astype(float)
-    return found
+            ends[joint, axis] = body.joint_rest[joint] + limits[:, None] * skeleton.frame[joint, :, axis].astype(float)
+    return ends
 
 
 def _write_names(sheet: _Sheet, names: tuple[str, ...], place: np.ndarray) -> None:

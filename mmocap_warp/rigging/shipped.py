@@ -45,11 +45,11 @@ def body_file(name: str | Path, source: object = "body") -> Path:
     if Path(name).suffix:
         return Path(name)
     shipped = [file for folder in _FOLDERS for file in sorted((ROOT / folder).glob("*.usdc"))]
-    found = next((file for file in shipped if file.stem == str(name)), None)
-    if found is None:
+    match = next((file for file in shipped if file.stem == str(name)), None)
+    if match is None:
         known = ", ".join(file.stem for file in shipped)
         raise InputError(source, f"there is no body '{name}'", f"name a USD file, or one of {known}")
-    return found
+    return match
 
 
 @dataclass(frozen=True, eq=False)

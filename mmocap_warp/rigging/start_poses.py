@@ -27,13 +27,13 @@ def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
         InputError: a file that cannot be read, or no motion of that name.
     """
     skeleton, motions = read_body(body_file).skeleton, read_motions(body_file)
-    found = []
+    poses = []
     for name in named:
         if name.endswith(".toml"):
-            found.append(read_pose(name, skeleton)[None])
+            poses.append(read_pose(name, skeleton)[None])
         else:
-            found.append(frames_of(motion_named(name, motions, body_file)))
-    return np.concatenate(found)
+            poses.append(frames_of(motion_named(name, motions, body_file)))
+    return np.concatenate(poses)
 
 
 def frames_of(motion: BodyMotion) -> np.ndarray:

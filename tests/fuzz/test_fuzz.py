@@ -16,7 +16,7 @@ ESCAPES = sorted(path for path in (FOLDER / "escapes").glob("*/*"))
 _WORKER = "import sys; sys.path[:0] = sys.argv[1:3]; import worker; worker.replay(sys.argv[3])"
 
 
-@pytest.mark.parametrize("cases", [6, pytest.param(300, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("cases", [4, pytest.param(300, marks=pytest.mark.nightly)])
 def test_damaged_files_do_not_escape(cases):
     """Another process, since a file may end it; the command of docs/testing.md does the same with more."""
     options = ["--cases", str(cases), "--seed", "0", "--memory", "0.5"]

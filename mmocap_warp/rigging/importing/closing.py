@@ -336,11 +336,11 @@ def _triangles_of(inside: np.ndarray) -> list[list[tuple[int, int]]]:
     even = round(np.linalg.det(np.eye(4)[within + without])) > 0
     if len(within) == 1:
         (a,), (b, c, d) = within, without
-        found = [[(a, b), (a, c), (a, d)]]
+        triangles = [[(a, b), (a, c), (a, d)]]
     elif len(within) == 3:
         (a, b, c), (d,) = within, without
-        found = [[(a, d), (b, d), (c, d)]]
+        triangles = [[(a, d), (b, d), (c, d)]]
     else:
         (a, b), (c, d) = within, without
-        found = [[(a, c), (a, d), (b, d)], [(a, c), (b, d), (b, c)]]
-    return found if even else [triangle[::-1] for triangle in found]
+        triangles = [[(a, c), (a, d), (b, d)], [(a, c), (b, d), (b, c)]]
+    return triangles if even else [triangle[::-1] for triangle in triangles]

@@ -80,16 +80,16 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             else:
                 derived[joint] = _hinge(place[before], place[joint], ends[joint], normal, joint not in mesh.parent)
     # What the file says comes first, and joints without skin are held.
-    found = []
+    freedoms = []
     for joint, freedom in enumerate(derived):
         if joint == 0:
             free = "" if mesh.rigid and _is_one_chain(mesh) else "xyz"
-            found.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
+            freedoms.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
         elif joint in mesh.axes:
-            found.append(_freedom_of_file_joint(mesh.axes[joint], ends[joint] - place[joint], least_travel))
+            freedoms.append(_freedom_of_file_joint(mesh.axes[joint], ends[joint] - place[joint], least_travel))
         else:
-            found.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
-    return found
+            freedoms.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
+    return freedoms
 
 
 MOST_SEARCHED = 100

@@ -103,18 +103,18 @@ def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoin
     Raises:
         InputError: the file names a joint that there is not, or lets one slide without limits.
     """
-    found = list(freedom)
+    freedoms = list(freedom)
     for name, joint in given.joints.items():
         if name not in joints:
             known = ", ".join(joints[:8]) + (" ..." if len(joints) > 8 else "")
             raise InputError(given.source, f"there is no joint '{name}'", f"name one of {known}")
         try:
-            found[joints.index(name)] = _with_given_joint(freedom[joints.index(name)], joint)
+            freedoms[joints.index(name)] = _with_given_joint(freedom[joints.index(name)], joint)
         except ValueError as error:
             raise InputError(given.source, f"joint '{name}' {error}", "give its limits, in metres") from None
     if given.fixed_root is not None:
-        found[0] = replace(found[0], free="" if given.fixed_root else "xyz", origin="given")
-    return found
+        freedoms[0] = replace(freedoms[0], free="" if given.fixed_root else "xyz", origin="given")
+    return freedoms
 
 
 def _with_given_joint(freedom: Freedom, joint: GivenJoint) -> Freedom:

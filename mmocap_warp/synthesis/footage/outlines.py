@@ -33,9 +33,9 @@ class Surface:
         size = int(face.max()) + 1
         key, against = edge @ (size, 1), edge @ (1, size)
         order = np.argsort(key)
-        found = np.minimum(np.searchsorted(key[order], against), len(key) - 1)
-        has_twin = key[order][found] == against
-        twin = np.where(has_twin, owner[order[found]], len(face))
+        place = np.minimum(np.searchsorted(key[order], against), len(key) - 1)
+        has_twin = key[order][place] == against
+        twin = np.where(has_twin, owner[order[place]], len(face))
         once = ~has_twin | (edge[:, 0] < edge[:, 1])
         return cls(face, edge[once], owner[once], twin[once])
 

@@ -125,12 +125,12 @@ class _Actor:
 
     @classmethod
     def of(cls, clip: MotionClip, source: object) -> _Actor:
-        found = _find_joints(clip, source)
-        index = list(found.values())
-        axes = _rest_axes({name: clip.rest[j] for name, j in found.items()}, source)
-        rotation = {name: axes.T @ clip.rotation[:, j] @ axes for name, j in found.items()}
+        joints = _find_joints(clip, source)
+        index = list(joints.values())
+        axes = _rest_axes({name: clip.rest[j] for name, j in joints.items()}, source)
+        rotation = {name: axes.T @ clip.rotation[:, j] @ axes for name, j in joints.items()}
         markers = np.zeros((len(clip.place), 0, 3)) if clip.markers is None else clip.markers @ axes
-        return cls(tuple(found), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation, markers)
+        return cls(tuple(joints), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation, markers)
 
     def part(self, frames: slice) -> _Actor:
         """The same in some of the frames."""
@@ -156,7 +156,7 @@ class _Actor:
 
 def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
     plain = [_plain_name(name) for name in clip.joint_names]
-    found = {}
+    number = {}
     for role, names in _NAMES.items():
         for side in "LR" if role[0] == "L" else ("",):
             wanted = [_other_side(name) if side == "R" else name for name in names]
@@ -165,8 +165,8 @@ def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
             if not known:
                 problem = f"none of its joints is the {joint}: {', '.join(clip.joint_names)}"
                 raise InputError(source, problem, f"name it {' or '.join(wanted)}")
-            found[joint] = plain.index(known[0])
-    return found
+            number[joint] = plain.index(known[0])
+    return number
 
 
 def _plain_name(name: str) -> str:

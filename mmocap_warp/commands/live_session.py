@@ -29,8 +29,7 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.streaming.arrivals import Arrival, arrivals, newest
 from mmocap_warp.streaming.growing_result import GrowingResult, finish, frames_beside
 from mmocap_warp.streaming.senders import Packet, open_sender
-from mmocap_warp.tracking.live import LiveFrame
-from mmocap_warp.tracking.live_tracker import LiveTracker
+from mmocap_warp.tracking.live import LiveFrame, LiveTracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _DELAYS = 10_000  # frames whose delays are reported: the last ones

@@ -9,8 +9,7 @@ from tracked_motion import FPS, FRAMES, RIG, marker_errors, motion
 
 from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.tracking.frame_loop import track_observations
-from mmocap_warp.tracking.live import LiveFrame
-from mmocap_warp.tracking.live_tracker import LiveTracker
+from mmocap_warp.tracking.live import LiveFrame, LiveTracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
 CONFIG = TrackConfig("contour", device="cpu", threads=1)

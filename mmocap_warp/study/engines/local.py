@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,7 +14,6 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from mmocap_warp.device.child_process import follow_parent
 from mmocap_warp.device.resolve import resolve_device, start_quietly
 from mmocap_warp.study.engines.engine import Death, EngineLost, Event, Ready
 from mmocap_warp.study.job import LESS_MEMORY, Job, Worker, device_kind
@@ -133,7 +134,8 @@ class LocalEngine:
 
 def serve_jobs(connection: Connection, device: str, threads: int | None) -> None:
     """A worker process: it does jobs until its parent is gone. An error that is no refusal is reported and ends it."""
-    follow_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     start_quietly()
     worker = Worker(device, threads)
     connection.send(Ready(device))
@@ -149,6 +151,14 @@ def _events_of(worker: Worker, job: Job) -> Iterator[Event]:
         yield from worker.work(job)
     except Exception as error:
         yield Death(" ".join(f"{type(error).__name__}: {error}".split()))
+
+
+def _end_with_parent() -> None:
+    """End this process as soon as its parent ends, however that happens."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
 
 
 def _end(seat: _Seat) -> None:

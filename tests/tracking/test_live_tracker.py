@@ -67,6 +67,7 @@ def test_the_same_frames_get_the_same_answers(answers):
         assert one.status == other.status
 
 
+@pytest.mark.nightly
 def test_a_process_that_dies_is_told_of():
     seen = [unpack_masks(each.words, RIG.size) for each in motion("cpu")[1]]
     with LiveTracker(synthetic_subject(), RIG, FPS, CONFIG) as tracker:

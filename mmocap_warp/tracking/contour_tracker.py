@@ -69,6 +69,8 @@ class ContourTracker:
     Attributes:
         device: the Warp device.
         search: what finds starts for the contours; None where there is no search.
+        search_interval: frames from one that may be searched for to the next. Where that is more than one, frames are
+            that are lost, and not those that only fall short.
 
     Raises:
         ValueError: the body has no model with so many degrees of freedom, or its tracking mesh is not closed.
@@ -86,6 +88,7 @@ class ContourTracker:
         candidates = config.runs * starts_per_run(config)
         self._fitter = make_fitter(subject, rig, config, candidates)
         self._judge = make_objective(subject, rig, config, candidates)
+        self.search_interval = 1
         self._root_frame = RootFrame(subject, search_limits(subject, config), candidates, self.device)
         descent, judge = self._fitter.descent, self._judge
         self._answers = Download([descent.best, descent.tally, judge.cost, judge.count])
@@ -125,7 +128,7 @@ class ContourTracker:
             answer, evaluations = self._best_fit(starts, observation, _STEPS_FAR), self.search.evaluations
         else:
             answer = self._best_fit(self._usual_starts(), observation, _STEPS)
-            if self.search and self._falls_short(answer).any():
+            if self.search and self._calls_for_search(answer).any():
                 answer, rescued = self._recovered(self.search, answer, observation)
                 evaluations = self.search.evaluations
 
@@ -156,6 +159,13 @@ class ContourTracker:
     ) -> np.ndarray:
         """(run,) bool: see :meth:`ContourState.falls_short`; ``exposed`` is at a body as large as a person [m]."""
         return self._state.falls_short(answer, fall, exposed * self._subject.body.relative_size)
+
+    def _calls_for_search(self, answer: Candidates) -> np.ndarray:
+        """(run,) bool: whether the ladder of recovery is climbed."""
+        if self.search_interval == 1:
+            return self._falls_short(answer)
+        lost = self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
+        return lost & (self._state.frame_count % self.search_interval == 0)
 
     def _recovered(
         self, search: PoseSearch, answer: Candidates, observation: Observation

@@ -31,6 +31,7 @@ from mmocap_warp.device.resolve import start_quietly
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.contour_state import ContourState
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_frames
 from mmocap_warp.tracking.from_settings import make_fitter, search_limits
 from mmocap_warp.tracking.make_tracker import make_tracker
@@ -42,6 +43,7 @@ _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
 _MOST_BEHIND = 32  # frames that may wait to be smoothed; then the next frame waits too, so that memory stays the same
 _NICENESS = 5  # of the process that smooths: where cores are few, the frame that has just come goes first
 _PATIENCE = 1.0  # seconds between looks at whether that process lives
+_SEARCH_INTERVAL = 0.5  # seconds from a search to the next: it takes nearly as long, and frames are dropped meanwhile
 _REHEARSAL = 1.2  # seconds that are tracked before the first frame: all that is done now and then has been done once
 
 
@@ -192,6 +194,8 @@ class LiveTracker:
         if not config.acceleration:
             raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
         self._tracker = make_tracker(subject, cameras, config, fps)
+        if isinstance(self._tracker, ContourTracker):
+            self._tracker.search_interval = max(2, round(_SEARCH_INTERVAL * fps))
         self._poser = Poser(subject.body, subject.root_base)
         context = multiprocessing.get_context("spawn")  # a fork would not survive CUDA
         self._frames, self._solved = context.Queue(_MOST_BEHIND), context.Queue()

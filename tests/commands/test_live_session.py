@@ -35,10 +35,10 @@ def test_what_cannot_be_is_refused_before_anything_starts(subject, tmp_path):
         mm.live(WALK, subject, runs=2)
     with pytest.raises(mm.UsageError, match="to udp://here is no address; possible are tcp://HOST:PORT"):
         mm.live(WALK, subject, to=("udp://here",), device="cpu")
-    with pytest.raises(mm.InputError, match="live.txt: ends in '.txt'"):
+    with pytest.raises(mm.InputError, match=r"live\.txt: ends in '\.txt'"):
         mm.live(WALK, subject, record=tmp_path / "live.txt")
     (tmp_path / "old.usdc").touch()
-    with pytest.raises(mm.InputError, match="old.usdc: exists already"):
+    with pytest.raises(mm.InputError, match=r"old\.usdc: exists already"):
         mm.live(WALK, subject, record=tmp_path / "old.usdc")
     folder = make_scene(tmp_path)
     (folder / "scene.toml").write_text(SCENE.replace(CAMERAS, CAMERAS.replace("masks = ", "# ")))
@@ -85,7 +85,7 @@ def test_a_session_that_is_killed_keeps_its_frames(subject, tmp_path):
     killed.send_signal(signal.SIGKILL)
     killed.wait()
     listener = Listener()
-    with pytest.raises(mm.InputError, match="live.usdc: exists already"):
+    with pytest.raises(mm.InputError, match=r"live\.usdc: exists already"):
         mm.live(WALK, subject, record=path, reporter=listener)
     assert listener.notes == [f"{path}: holds the frames of a session that was killed"]
     assert mm.load_result(path).frame_numbers[0] == 0

@@ -27,7 +27,7 @@ from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.streaming.arrivals import Arrival, arrivals, newest
-from mmocap_warp.streaming.growing_result import GrowingResult, finish, frames_beside
+from mmocap_warp.streaming.growing_result import GrowingResult, finish
 from mmocap_warp.streaming.senders import Packet, open_sender
 from mmocap_warp.tracking.live import LiveFrame, LiveTracker
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -95,8 +95,7 @@ def live(
     reporter = reporter or Reporter()
     file = None if record is None else new_file(record, *USD_SUFFIXES, force=True)
     if file is not None:
-        if frames_beside(file).exists():
-            finish(file)
+        if finish(file):
             reporter.note(f"{file}: holds the frames of a session that was killed")
         new_file(file, file.suffix, force=force)
     loaded = load_scene(scene, live=True) if source and not isinstance(scene, Scene) else scene_from(scene, frames)
@@ -108,13 +107,15 @@ def live(
     reporter.note(f"live: {describe(chosen, loaded.track, settings)}")
 
     about = known, loaded.rig(chosen.scale), loaded.fps if source else loaded.rate
-    with ExitStack() as stack, arguments_checked():
+    with ExitStack() as stack:
         listeners = [stack.enter_context(closing(open_sender(address, *about))) for address in to]
         if file is not None:
             listeners.append(stack.enter_context(closing(GrowingResult(file, *about, chosen))))
-        tracker = stack.enter_context(LiveTracker(*about, chosen))
+        with arguments_checked():
+            tracker = stack.enter_context(LiveTracker(*about, chosen))
         coming = stack.enter_context(closing(newest(arrivals(loaded, chosen.scale, source))))
         gc.collect()
+        stack.callback(gc.unfreeze)
         gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
         return _track(tracker, coming, listeners, about, reporter)
 

@@ -142,15 +142,12 @@ class _MaskMaking:
 
 
 def _own_files(scene: Scene, scale: float) -> Iterator[Arrival]:
-    """The recording at its own pace; what would be late by a frame is passed over."""
-    period, begin = 1.0 / scene.rate, 0.0
+    """The recording at its own pace, or as fast as its masks are read; the clock starts once the first frame is done."""
+    due = 0.0
     for number, masks in enumerate(scene.masks(scale)):
-        if number <= 1:
-            begin = time.monotonic() - number * period  # the clock starts once the first frame is done
-        early = begin + number * period - time.monotonic()
-        if early > -period:
-            time.sleep(max(0.0, early))
-            yield Arrival(number, time.time(), masks)
+        time.sleep(max(0.0, due - time.monotonic()))
+        due = max(due, time.monotonic()) + 1.0 / scene.rate if number else 0.0
+        yield Arrival(number, time.time(), masks)
 
 
 def _growing(scene: Scene, scale: float, folder: Path) -> Iterator[Arrival]:

@@ -21,11 +21,6 @@ from mmocap_warp.tracking.frame_loop import collect
 from mmocap_warp.tracking.track_config import TrackConfig
 
 
-def frames_beside(path: Path) -> Path:
-    """Where the frames of a growing result are."""
-    return path.with_name(f"{path.name}.frames")
-
-
 class GrowingResult:
     """Keeps what senders are told: the smoothed frames; when it is closed, the result is whole."""
 
@@ -35,7 +30,7 @@ class GrowingResult:
         begun = collect(subject, rig, fps, config, [start])
         write_result(path, begun := replace(begun, raw_pose=begun.pose))
         self._path, self._kind = path, _record(begun)
-        self._file = frames_beside(path).open("wb", buffering=0)
+        self._file = path.with_name(f"{path.name}.frames").open("wb", buffering=0)
 
     def send(self, packet: Packet) -> None:
         """Append a smoothed frame.
@@ -58,10 +53,12 @@ class GrowingResult:
         finish(self._path)
 
 
-def finish(path: Path) -> None:
-    """Make a growing result whole; without any frame, nothing is left of it."""
-    begun, beside = read_result(path), frames_beside(path)
-    data, kind = beside.read_bytes(), _record(begun)
+def finish(path: Path) -> bool:
+    """Make a growing result whole, and say whether there was one; without any frame, nothing is left of it."""
+    if not (beside := path.with_name(f"{path.name}.frames")).exists():
+        return False
+    begun, data = read_result(path), beside.read_bytes()
+    kind = _record(begun)
     records = np.frombuffer(data, kind, len(data) // kind.itemsize)  # without what was half-written at a kill
     if count := len(records):
         arrays = {name: np.moveaxis(records[name], 0, 1).copy() for name in kind.names or () if name != "frame_numbers"}
@@ -70,6 +67,7 @@ def finish(path: Path) -> None:
     else:
         path.unlink()
     beside.unlink()
+    return True
 
 
 def _record(result: Result) -> np.dtype:

@@ -199,6 +199,7 @@ class LiveTracker:
         self._poser = Poser(subject.body, subject.root_base)
         context = multiprocessing.get_context("spawn")  # a fork would not survive CUDA
         self._frames, self._solved = context.Queue(_MOST_BEHIND), context.Queue()
+        self._frames.cancel_join_thread()  # else what nobody takes any more would keep this process from ending
         given = self._frames, self._solved, subject, cameras, replace(config, threads=1), fps
         self._process = context.Process(target=_smooth, args=given, daemon=True)
         self._process.start()

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from walk_scene import walking
 import mmocap_warp as mm
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.streaming.growing_result import frames_beside
 
 WALK = ROOT / "walk"
 SETTINGS = {"device": "cpu", "scale": 0.25, "algorithm": "contour"}
@@ -58,17 +56,15 @@ class Listener(mm.Reporter):
 
 
 @pytest.mark.nightly
-def test_a_session_is_told_and_kept(subject, tmp_path):
+def test_a_session_is_told_and_kept(subject, tmp_path, monkeypatch):
+    monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames: frames)  # however slow this machine
     path = tmp_path / "live.usdc"
-    report = mm.live(WALK, subject, frames="::4", record=path, **SETTINGS)
-    assert report.frames + report.dropped <= 16
-    assert report.lost == 0
+    report = mm.live(WALK, subject, frames="::2", record=path, **SETTINGS)
+    assert (report.frames, report.dropped, report.lost) == (32, 0, 0)
     assert report.delay_ms[0] <= report.delay_ms[1] <= report.delay_ms[2]
     result = mm.load_result(path)
-    last = result.frame_numbers[-1]
-    assert result.frame_numbers.tolist() == list(range(last + 1))
-    truth = walking().poses[4 * last]
-    assert np.linalg.norm(result.pose[0, -1, :3] - truth[:3]) < 0.03
+    assert result.frame_numbers.tolist() == list(range(32))
+    assert np.linalg.norm(result.pose[0, :, :3] - walking().poses[::2, :3], axis=1).max() < 0.03
 
 
 @pytest.mark.nightly
@@ -78,7 +74,7 @@ def test_a_session_that_is_killed_keeps_its_frames(subject, tmp_path):
     flags = ["--subject", "subject.usdc", "--record", "live.usdc", "--device", "cpu", "--algorithm", "contour"]
     command = [sys.executable, "-m", "mmocap_warp", "live", str(WALK), *flags, "--scale", "0.25", "--json"]
     killed = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    beside = frames_beside(path)
+    beside = tmp_path / "live.usdc.frames"
     while not (beside.exists() and beside.stat().st_size):
         assert killed.poll() is None
         time.sleep(0.01)
@@ -89,25 +85,29 @@ def test_a_session_that_is_killed_keeps_its_frames(subject, tmp_path):
         mm.live(WALK, subject, record=path, reporter=listener)
     assert listener.notes == [f"{path}: holds the frames of a session that was killed"]
     assert mm.load_result(path).frame_numbers[0] == 0
-    assert not Path(beside).exists()
+    assert not beside.exists()
 
 
 @pytest.mark.nightly
 def test_ctrl_c_ends_a_session_as_its_end_does(subject, tmp_path):
     write_subject(tmp_path / "subject.usdc", subject)
-    (tmp_path / "growing").mkdir()
-    for camera in mm.load_scene(WALK).calibrated.names:
-        (tmp_path / "growing" / camera).mkdir()
-        (tmp_path / "growing" / camera / "0000.png").write_bytes((WALK / "masks" / camera / "0000.png").read_bytes())
+    names = mm.load_scene(WALK).calibrated.names
+    for camera in names:
+        (tmp_path / "growing" / camera).mkdir(parents=True)
     flags = ["--subject", "subject.usdc", "--record", "live.usdc", "--source", "growing", "--device", "cpu"]
     command = [sys.executable, "-m", "mmocap_warp", "live", str(WALK), *flags, "--scale", "0.25", "--json"]
     running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    while not frames_beside(tmp_path / "live.usdc").exists():
+    beside, number = tmp_path / "live.usdc.frames", 0
+    while not (beside.exists() and beside.stat().st_size):  # until some are smoothed
         assert running.poll() is None
-        time.sleep(0.01)
-    time.sleep(5.0)  # the first frame is tracked, and no other comes
+        for camera in names:
+            mask = (WALK / "masks" / camera / f"{min(number // 20, 63):04d}.png").read_bytes()
+            (tmp_path / "growing" / camera / f"{number:06d}.png").write_bytes(mask)
+        number += 1
+        time.sleep(0.02)
     running.send_signal(signal.SIGINT)
     output, _ = running.communicate(timeout=60)
     assert running.returncode == 0
-    assert json.loads(output)["frames"] == 1
-    assert mm.load_result(tmp_path / "live.usdc").frame_numbers.tolist() == [0]
+    tracked, kept = json.loads(output)["frames"], mm.load_result(tmp_path / "live.usdc").frame_numbers
+    assert tracked > 4
+    assert len(kept) >= tracked

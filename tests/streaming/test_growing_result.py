@@ -8,7 +8,7 @@ import numpy as np
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp.formats.usd.usd_result import read_result
-from mmocap_warp.streaming.growing_result import GrowingResult, finish, frames_beside
+from mmocap_warp.streaming.growing_result import GrowingResult, finish
 from mmocap_warp.streaming.senders import Packet
 from mmocap_warp.tracking.live import LiveFrame
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -37,7 +37,7 @@ def check(path, count: int) -> None:
     np.testing.assert_array_equal(result.raw_pose[0], POSES[:count] + 0.01)
     np.testing.assert_array_equal(result.iou[0], [[0.9, np.nan]] * count)
     assert result.fps == 30
-    assert not frames_beside(path).exists()
+    assert not finish(path)  # there is nothing left to do
 
 
 def test_what_was_added_is_the_result(tmp_path):
@@ -53,9 +53,9 @@ def test_after_a_kill_all_whole_frames_are_recovered(tmp_path):
     result = grown(path)
     for packet in packets():
         result.send(packet)
-    beside = frames_beside(path)
+    beside = tmp_path / "live.usdc.frames"
     beside.write_bytes(beside.read_bytes()[:-5])  # the process is gone, and its last frame is half-written
-    finish(path)
+    assert finish(path)
     check(path, 3)
 
 

@@ -8,7 +8,7 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -49,7 +49,10 @@ class Arrival:
     masks: Sequence[np.ndarray | None]
 
 
-def arrivals(scene: Scene, scale: float, addresses: Sequence[str]) -> Iterator[Arrival]:
+Arrivals = Generator[Arrival, None, None]
+
+
+def arrivals(scene: Scene, scale: float, addresses: Sequence[str]) -> Arrivals:
     """The frames of a scene as they come.
 
     Args:
@@ -76,7 +79,7 @@ def arrivals(scene: Scene, scale: float, addresses: Sequence[str]) -> Iterator[A
     return _from_cameras(scene, scale, addresses)
 
 
-def newest(source: Iterator[Arrival]) -> Iterator[Arrival]:
+def newest(source: Arrivals) -> Arrivals:
     """The newest frame, again and again: one that still waits when the next comes is dropped.
 
     A thread reads the source from the second frame on: trackers search for the first one, and what comes meanwhile is
@@ -97,7 +100,7 @@ def newest(source: Iterator[Arrival]) -> Iterator[Arrival]:
                 waiting.put(frame)
         except Exception as error:
             end = error
-        source.close()  # type: ignore[attr-defined]
+        source.close()
         waiting.put(end)
 
     threading.Thread(target=read, daemon=True).start()
@@ -141,8 +144,8 @@ class _MaskMaking:
         return decode(data, origin) if data else None
 
 
-def _own_files(scene: Scene, scale: float) -> Iterator[Arrival]:
-    """The recording at its own pace, or as fast as its masks are read; the clock starts once the first frame is done."""
+def _own_files(scene: Scene, scale: float) -> Arrivals:
+    """The recording at its pace, or as fast as masks are read; the clock starts once the first frame is done."""
     due = 0.0
     for number, masks in enumerate(scene.masks(scale)):
         time.sleep(max(0.0, due - time.monotonic()))
@@ -150,7 +153,7 @@ def _own_files(scene: Scene, scale: float) -> Iterator[Arrival]:
         yield Arrival(number, time.time(), masks)
 
 
-def _growing(scene: Scene, scale: float, folder: Path) -> Iterator[Arrival]:
+def _growing(scene: Scene, scale: float, folder: Path) -> Arrivals:
     """Numbered images in a folder for each camera, from the last that is there, without an end.
 
     A frame is there when all cameras have it. Where the next one has come, cameras that lack it sent nothing.
@@ -175,7 +178,7 @@ def _growing(scene: Scene, scale: float, folder: Path) -> Iterator[Arrival]:
         number += 1
 
 
-def _messages(scene: Scene, scale: float, address: str) -> Iterator[Arrival]:
+def _messages(scene: Scene, scale: float, address: str) -> Arrivals:
     """Frames that a program publishes by ZMQ: ``{"frame": number, "time": seconds}``, then an image of each camera.
 
     An image is an image file's content; an empty one says that the camera sent nothing. ``{"end": true}`` ends.
@@ -224,7 +227,7 @@ def _camera(address: str, stopped: threading.Event) -> Callable[[float], np.ndar
     return lambda oldest: newest_image[1] if newest_image[0] >= oldest else None
 
 
-def _from_cameras(scene: Scene, scale: float, addresses: Sequence[str]) -> Iterator[Arrival]:
+def _from_cameras(scene: Scene, scale: float, addresses: Sequence[str]) -> Arrivals:
     """What cameras show at even times, by the scene's frame rate."""
     make, period, stopped = _MaskMaking(scene, scale), 1.0 / scene.fps, threading.Event()
     cameras = [_camera(address, stopped) for address in addresses]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,9 @@ def finish(path: Path) -> bool:
     kind = _record(begun)
     records = np.frombuffer(data, kind, len(data) // kind.itemsize)  # without what was half-written at a kill
     if count := len(records):
-        arrays = {name: np.moveaxis(records[name], 0, 1).copy() for name in kind.names or () if name != "frame_numbers"}
+        arrays: dict[str, Any] = {
+            name: np.moveaxis(records[name], 0, 1).copy() for name in kind.names or () if name != "frame_numbers"
+        }
         arrays |= {name: np.repeat(getattr(begun, name), count, axis=1) for name in ("cost", "evaluations")}
         write_result(path, replace(begun, frame_numbers=records["frame_numbers"], **arrays))
     else:

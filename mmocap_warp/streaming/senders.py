@@ -65,7 +65,12 @@ class Packet:
     @cached_property
     def json(self) -> str:
         """As ZMQ and WebSocket send it."""
-        told = {"frame": self.answer.number, "time": self.time, "smooth": self.smooth, "dropped": self.dropped}
+        told: dict[str, Any] = {
+            "frame": self.answer.number,
+            "time": self.time,
+            "smooth": self.smooth,
+            "dropped": self.dropped,
+        }
         told |= {"status": self.answer.status[0], "joints": self.subject.body.skeleton.joints}
         told |= {"place": self.values[:, :3].round(5).tolist(), "turn": self.values[:, 3:].round(6).tolist()}
         iou = [None if each != each else each for each in self.answer.iou[0].round(4).tolist()]

@@ -164,8 +164,9 @@ class ContourTracker:
         """(run,) bool: whether the ladder of recovery is climbed."""
         if self.search_interval == 1:
             return self._falls_short(answer)
-        lost = self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
-        return lost & (self._state.frame_count % self.search_interval == 0)
+        lost: np.ndarray = self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
+        lost &= self._state.frame_count % self.search_interval == 0
+        return lost
 
     def _recovered(
         self, search: PoseSearch, answer: Candidates, observation: Observation

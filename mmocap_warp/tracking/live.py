@@ -281,11 +281,11 @@ def _smooth(frames: Any, solved: Any, *about: Any) -> None:
 
 def _smoothed(frames: Iterable[tuple[int, Observation, FrameAnswer]], *about: Any) -> Iterator[LiveFrame]:
     """The smoothed answers to frames, each a number, what was seen and what was found at once."""
-    window, expected, before = None, 0, None
+    window, expected, before = None, 0, np.empty(0)
     for number, observation, answer in frames:
         if window is None or number - expected > LAG:
             yield from window.rest() if window else ()
-            window, expected = _Window(*about, first=number), number
+            window, expected = _Window(*(*about, number)), number
         for _ in range(expected, number):
             nothing = observation.without(np.ones(len(observation.foreground), bool))
             window.observe(nothing)

@@ -8,6 +8,7 @@ from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.solution import SolvedCameras
 from mmocap_warp.calibration.sync.synchronise import Synchronisation
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.commands.batch import batch
 from mmocap_warp.commands.boards import calibrate_board, print_board
 from mmocap_warp.commands.bodies import export_body, import_body, learn_body, show_body
 from mmocap_warp.commands.calibrate import (
@@ -46,13 +47,12 @@ from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.version import __version__ as __version__
 
 __all__ = [
-    "BoardCalibration", "BodyModel", "CameraCheck", "CameraRig", "FitConfig", "InputError", "LiveFrame",
-    "LiveReport", "LiveTracker", "Refinement", "Reporter", "Result", "Scene", "SolvedCameras", "Subject",
-    "Synchronisation", "TrackConfig", "UnsolvableError", "UsageError", "__version__", "ablate", "benchmark",
-    "calibrate_board", "check_cameras", "convert_cameras", "demo", "evaluate", "export", "export_body", "fit",
-    "import_body", "import_dataset", "import_humaneva", "init", "learn_body", "live", "load_body", "load_result",
-    "load_scene", "load_truth", "make_sequences", "mask", "measure", "minimize", "overlay", "print_board",
-    "refine_cameras", "report_study", "run_study", "show", "show_body", "show_cameras", "solve_cameras",
-    "study_results", "sync", "synthesize", "track", "track_live", "validate_usd", "view", "write_benchmark_pages",
-    "write_result",
+    "BoardCalibration", "BodyModel", "CameraCheck", "CameraRig", "FitConfig", "InputError", "LiveFrame", "LiveReport",
+    "LiveTracker", "Refinement", "Reporter", "Result", "Scene", "SolvedCameras", "Subject", "Synchronisation",
+    "TrackConfig", "UnsolvableError", "UsageError", "__version__", "ablate", "batch", "benchmark", "calibrate_board",
+    "check_cameras", "convert_cameras", "demo", "evaluate", "export", "export_body", "fit", "import_body",
+    "import_dataset", "import_humaneva", "init", "learn_body", "live", "load_body", "load_result", "load_scene",
+    "load_truth", "make_sequences", "mask", "measure", "minimize", "overlay", "print_board", "refine_cameras",
+    "report_study", "run_study", "show", "show_body", "show_cameras", "solve_cameras", "study_results", "sync",
+    "synthesize", "track", "track_live", "validate_usd", "view", "write_benchmark_pages", "write_result",
 ]  # fmt: skip

@@ -70,8 +70,6 @@ def live(
 ) -> LiveReport:
     """Track while frames come, and tell other programs of each frame twice: at once, and smoothed up to 9 frames later.
 
-    It goes on until the source ends or it is interrupted.
-
     Args:
         scene: the recording, or its file or folder: cameras, and how masks are made.
         subject: the fitted subject to track, or its file. [default: the scene's, or else one is fitted to its files]
@@ -112,7 +110,7 @@ def live(
         if file is not None:
             listeners.append(stack.enter_context(closing(GrowingResult(file, *about, chosen))))
         with arguments_checked():
-            tracker = stack.enter_context(LiveTracker(*about, chosen))
+            tracker = stack.enter_context(closing(LiveTracker(*about, chosen)))
         coming = stack.enter_context(closing(newest(arrivals(loaded, chosen.scale, source))))
         gc.collect()
         stack.callback(gc.unfreeze)

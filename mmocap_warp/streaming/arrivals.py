@@ -11,10 +11,9 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -34,8 +33,7 @@ _FIRST_IMAGE = 15.0  # seconds that cameras may take to send their first images
 _POLL = 0.004  # seconds between looks at a folder
 
 
-@dataclass(frozen=True, eq=False)
-class Arrival:
+class Arrival(NamedTuple):
     """A frame that came.
 
     Attributes:
@@ -139,9 +137,9 @@ class _MaskMaking:
         return clean_mask(self._make[k](image), self._scene.foreground, self._scale, self._kept[k])
 
     def decoded(self, data: bytes, origin: object) -> Any:
-        """The content of an image file, or of a mask's; None of none, which says that a camera sent nothing."""
-        decode = decode_mask_image if self._scene.foreground.source == "masks" else decode_image
-        return decode(data, origin) if data else None
+        """The content of an image file, or of a mask's; None where it is not whole: then the camera sent nothing."""
+        with suppress(InputError):
+            return (decode_mask_image if self._scene.foreground.source == "masks" else decode_image)(data, origin)
 
 
 def _own_files(scene: Scene, scale: float) -> Arrivals:

@@ -1,7 +1,6 @@
 """A result that is written as it grows, so that a process that is killed loses no frame whose answer is final.
 
-At first the result holds the pose to start from, and all that is known before a frame comes. Frames are appended to a
-file beside it, and moved into the result in the end; after a kill, before the next session.
+Frames are appended to a file beside it, and moved into it in the end; after a kill, before the next session.
 """
 
 from __future__ import annotations
@@ -21,6 +20,8 @@ from mmocap_warp.streaming.senders import Packet
 from mmocap_warp.tracking.frame_loop import collect
 from mmocap_warp.tracking.track_config import TrackConfig
 
+_KINDS = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}  # of a frame in the file
+
 
 class GrowingResult:
     """Keeps what senders are told: the smoothed frames; when it is closed, the result is whole."""
@@ -28,17 +29,13 @@ class GrowingResult:
     def __init__(self, path: Path, subject: Subject, rig: CameraRig, fps: float, config: TrackConfig) -> None:
         nothing = np.full((1, len(rig)), np.nan)
         start = FrameAnswer(subject.pose[None], nothing[:, 0], nothing, 0, STATUS.index("lost"), 0.0)
-        begun = collect(subject, rig, fps, config, [start])
+        begun = collect(subject, rig, fps, config, [start])  # all that is known before a frame comes
         write_result(path, begun := replace(begun, raw_pose=begun.pose))
         self._path, self._kind = path, _record(begun)
         self._file = path.with_name(f"{path.name}.frames").open("wb", buffering=0)
 
     def send(self, packet: Packet) -> None:
-        """Append a smoothed frame.
-
-        Raises:
-            InputError: there is no room.
-        """
+        """Append a smoothed frame; an InputError if there is no room."""
         if packet.smooth:
             frame = packet.answer
             status = [STATUS.index(each) for each in frame.status]
@@ -62,9 +59,7 @@ def finish(path: Path) -> bool:
     kind = _record(begun)
     records = np.frombuffer(data, kind, len(data) // kind.itemsize)  # without what was half-written at a kill
     if count := len(records):
-        arrays: dict[str, Any] = {
-            name: np.moveaxis(records[name], 0, 1).copy() for name in kind.names or () if name != "frame_numbers"
-        }
+        arrays: dict[str, Any] = {name: np.moveaxis(records[name], 0, 1).copy() for name in _KINDS}
         arrays |= {name: np.repeat(getattr(begun, name), count, axis=1) for name in ("cost", "evaluations")}
         write_result(path, replace(begun, frame_numbers=records["frame_numbers"], **arrays))
     else:
@@ -75,6 +70,5 @@ def finish(path: Path) -> bool:
 
 def _record(result: Result) -> np.dtype:
     """A frame in the file, of all runs."""
-    kinds = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}
-    shapes = [(name, kind, (len(result.pose), *getattr(result, name).shape[2:])) for name, kind in kinds.items()]
+    shapes = [(name, kind, (len(result.pose), *getattr(result, name).shape[2:])) for name, kind in _KINDS.items()]
     return np.dtype([("frame_numbers", "<i8"), *shapes])

@@ -26,10 +26,8 @@ from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
 from mmocap_warp.result.excerpt import quarter_turn
 from mmocap_warp.tracking.live import LiveFrame
 
+_HERE = "mmocap_warp.streaming"
 _UNSENT = 256  # packets that wait for a slow listener; it misses later ones
-_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "layers.js")
-_UNITY = {"Spine2": "Chest", "Arm": "UpperArm", "ForeArm": "LowerArm", "UpLeg": "UpperLeg", "Leg": "LowerLeg"}
-"""Names of bones by Mixamo's, without their sides, where they differ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,16 +63,11 @@ class Packet:
     @cached_property
     def json(self) -> str:
         """As ZMQ and WebSocket send it."""
-        told: dict[str, Any] = {
-            "frame": self.answer.number,
-            "time": self.time,
-            "smooth": self.smooth,
-            "dropped": self.dropped,
-        }
-        told |= {"status": self.answer.status[0], "joints": self.subject.body.skeleton.joints}
-        told |= {"place": self.values[:, :3].round(5).tolist(), "turn": self.values[:, 3:].round(6).tolist()}
+        told: dict[str, Any] = {name: getattr(self, name) for name in ("time", "smooth", "dropped")}
+        told |= {"frame": self.answer.number, "status": self.answer.status[0]}
+        told |= {"joints": self.subject.body.skeleton.joints, "place": self.values[:, :3].round(5).tolist()}
         iou = [None if each != each else each for each in self.answer.iou[0].round(4).tolist()]
-        return json.dumps(told | {"iou": iou}, separators=(",", ":"))
+        return json.dumps(told | {"turn": self.values[:, 3:].round(6).tolist(), "iou": iou}, separators=(",", ":"))
 
 
 def open_sender(address: str, subject: Subject, rig: CameraRig, fps: float) -> Any:
@@ -179,11 +172,11 @@ def _page(subject: Subject, rig: CameraRig) -> str:
     """The page that draws what is sent."""
     cameras = [{what: getattr(rig, what)[k].tolist() for what in ("K", "R", "t", "size")} for k in range(len(rig))]
     content = {"body": body_content(subject.body), "cameras": cameras, "names": rig.names, "colours": COLOURS}
-    scripts = [resource("mmocap_warp.display.page", name) for name in _SCRIPTS]
+    scripts = [resource("mmocap_warp.display.page", f"{name}.js") for name in ("data", "pinhole", "stage", "layers")]
     return filled(
-        resource("mmocap_warp.streaming", "live.html"),
+        resource(_HERE, "live.html"),
         title="Live",
-        script="\n".join([*scripts, resource("mmocap_warp.streaming", "live.js")]),
+        script="\n".join([*scripts, resource(_HERE, "live.js")]),
         style=colour_rules(":root") + resource("mmocap_warp.display.page", "page.css"),
         connects="'self'",
         content=embedded(content | {"up": rig.up_vector.tolist()}),
@@ -197,11 +190,11 @@ class _Vmc:
         self._client = _package(address, "pythonosc.udp_client", "python-osc").SimpleUDPClient(host, port)
         skeleton = subject.body.skeleton
         try:
-            names = rig_names(subject.body, "mixamo")
+            rig_names(subject.body, "unity")
         except ValueError as error:
             raise InputError(address, str(error), "VMC is for people: send to another address") from None
-        self._bones = [(skeleton.index(name), _unity(theirs)) for name, theirs in names.items() if theirs != name]
-        turn, rest = rest_pose(subject.body, RIGS["mixamo"])
+        self._bones = [(skeleton.index(joint), name) for joint, name in RIGS["unity"].names.items()]
+        turn, rest = rest_pose(subject.body, RIGS["unity"])
         self._from_rest, self._parent = transposed(turn), np.array(skeleton.parent)
         self._offset, self._upright = rest - rest[self._parent], quarter_turn(up, "+y")
         self._smooth, self._begin = address.endswith("?smooth"), 0.0
@@ -224,13 +217,6 @@ class _Vmc:
 
     def close(self) -> None:
         pass
-
-
-def _unity(mixamo: str) -> str:
-    """A bone's name."""
-    name = mixamo.removeprefix("mixamorig")
-    side = next((each for each in ("Left", "Right") if name.startswith(each)), "")
-    return side + _UNITY.get(name.removeprefix(side), name.removeprefix(side))
 
 
 class _Lsl:

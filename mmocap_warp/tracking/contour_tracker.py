@@ -128,7 +128,9 @@ class ContourTracker:
             answer, evaluations = self._best_fit(starts, observation, _STEPS_FAR), self.search.evaluations
         else:
             answer = self._best_fit(self._usual_starts(), observation, _STEPS)
-            if self.search and self._calls_for_search(answer).any():
+            fall = (_SHORT_OVERLAP, _SHORT_EXPOSED) if self.search_interval == 1 else (_LOST_OVERLAP, _LOST_EXPOSED)
+            may = self._state.frame_count % self.search_interval == 0
+            if self.search and (may & self._falls_short(answer, *fall)).any():
                 answer, rescued = self._recovered(self.search, answer, observation)
                 evaluations = self.search.evaluations
 
@@ -159,14 +161,6 @@ class ContourTracker:
     ) -> np.ndarray:
         """(run,) bool: see :meth:`ContourState.falls_short`; ``exposed`` is at a body as large as a person [m]."""
         return self._state.falls_short(answer, fall, exposed * self._subject.body.relative_size)
-
-    def _calls_for_search(self, answer: Candidates) -> np.ndarray:
-        """(run,) bool: whether the ladder of recovery is climbed."""
-        if self.search_interval == 1:
-            return self._falls_short(answer)
-        lost: np.ndarray = self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
-        lost &= self._state.frame_count % self.search_interval == 0
-        return lost
 
     def _recovered(
         self, search: PoseSearch, answer: Candidates, observation: Observation

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -162,22 +162,24 @@ class _Window:
             between = ~tracked[i] & self._tracked_before & tracked[i:].any(axis=0)
             self._tracked_before |= tracked[i]
             status = np.where(between, _INTERPOLATED, answer.status)
-            yield LiveFrame(
-                number=self._first,
-                pose=poses[:, i],
-                raw_pose=answer.pose.astype(float),
-                joints=self._poser.joint_transforms(poses[:, i])[:, :, :3, 3].astype(float),
-                iou=answer.iou,
-                status=tuple(STATUS[each] for each in status),
-            )
+            yield _live_frame(self._poser, self._first, poses[:, i], answer, status)
             self._first += 1
 
 
+def _live_frame(
+    poser: Poser, number: int, pose: np.ndarray, answer: FrameAnswer, status: int | np.ndarray
+) -> LiveFrame:
+    joints = poser.joint_transforms(pose)[:, :, :3, 3].astype(float)
+    names = tuple(STATUS[each] for each in np.broadcast_to(status, len(pose)))
+    return LiveFrame(number, pose, answer.pose.astype(float), joints, answer.iou, names)
+
+
 class LiveTracker:
-    """Tracks a subject while frames come; to be used in a ``with``.
+    """Tracks a subject while frames come, until it is closed.
 
     Frames that are left out count as frames in which nobody is seen. After more than ten of them smoothing begins
-    anew. The same frames get the same answers, however fast they come.
+    anew. The same frames get the same answers, however fast they come. A script that makes a tracker does so below
+    ``if __name__ == "__main__"``: the process that smooths imports it.
 
     Args:
         subject: the body, and the pose to start from.
@@ -213,28 +215,20 @@ class LiveTracker:
             pass
         self._tracker.state, self._begun = state, False
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """End the process that smooths."""
         self._process.terminate()
         self._process.join()
 
     def step(self, number: int, masks: Sequence[np.ndarray]) -> LiveFrame:
-        """Track frame ``number``, greater than that before, at once: no later frame has a say in the answer.
-
-        ``masks`` are (height, width) bool of each camera, empty where one shows nothing.
-        """
+        """Track a frame, whose number is above the last, by (height, width) bool masks; no later frame has a say."""
         observation = Observation.from_masks(list(masks))
         answer = self._tracker.step(observation)
         if not self._begun and isinstance(state := self._tracker.state, ContourState):
             self._tracker.state = state.settled()  # else the next frames would be searched for too, which takes long
         self._begun = True
         self._patiently(partial(self._frames.put, (number, observation, answer)))
-        pose = answer.pose.astype(float)
-        joints = self._poser.joint_transforms(pose)[:, :, :3, 3].astype(float)
-        status = tuple(STATUS[each] for each in np.broadcast_to(answer.status, len(pose)))
-        return LiveFrame(number, pose, pose, joints, answer.iou, status)
+        return _live_frame(self._poser, number, answer.pose.astype(float), answer, answer.status)
 
     def smoothed(self) -> Iterator[LiveFrame]:
         """The frames whose smoothed answers have come since."""
@@ -248,11 +242,7 @@ class LiveTracker:
         yield from iter(partial(self._patiently, self._solved.get), None)
 
     def _patiently(self, act: Callable[..., Any]) -> Any:
-        """Do what may have to wait for the process that smooths.
-
-        Raises:
-            RuntimeError: it is dead.
-        """
+        """Do what may have to wait for the process that smooths; a RuntimeError if that is dead."""
         while True:
             with suppress(queue.Empty, queue.Full):
                 return act(timeout=_PATIENCE)

@@ -107,6 +107,9 @@ def test_a_folder_that_grows(scene, tmp_path):
         (folder / "0009.png").write_bytes(PNG)
     assert seen(next(coming)) == [480, None, 480]  # the next frame is there, and one camera lacks this one
     assert seen(next(coming)) == [480, 480, 480]
+    for folder, data in zip(folders, (PNG, PNG[:40], PNG), strict=True):
+        (folder / "0010.png").write_bytes(data)
+    assert seen(next(coming)) == [480, None, 480]  # one is half-written
     with pytest.raises(InputError, match="cam01: no such folder"):
         next(arrivals(scene, 1.0, [str(tmp_path)]))
 

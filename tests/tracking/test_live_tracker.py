@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 from synthetic import synthetic_subject
@@ -20,7 +22,7 @@ DROPPED = (6, 7)
 def answers() -> tuple[list[LiveFrame], list[LiveFrame]]:
     """Those at once, and those smoothed, of a motion of which two frames were dropped; then of another, much later."""
     seen = [unpack_masks(each.words, RIG.size) for each in motion("cpu")[1]]
-    with LiveTracker(synthetic_subject(), RIG, FPS, CONFIG) as tracker:
+    with closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
         at_once = [tracker.step(n, masks) for n, masks in enumerate(seen) if n not in DROPPED]
         at_once.append(tracker.step(FRAMES + 100, seen[-1]))
         return at_once, list(tracker.rest())
@@ -55,7 +57,7 @@ def test_without_smoothing_there_is_no_second_answer():
 @pytest.mark.nightly
 def test_the_same_frames_get_the_same_answers(answers):
     seen = [unpack_masks(each.words, RIG.size) for each in motion("cpu")[1]]
-    with LiveTracker(synthetic_subject(), RIG, FPS, CONFIG) as tracker:
+    with closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
         again = []
         for n, masks in enumerate(seen):
             if n not in DROPPED:
@@ -70,7 +72,7 @@ def test_the_same_frames_get_the_same_answers(answers):
 @pytest.mark.nightly
 def test_a_process_that_dies_is_told_of():
     seen = [unpack_masks(each.words, RIG.size) for each in motion("cpu")[1]]
-    with LiveTracker(synthetic_subject(), RIG, FPS, CONFIG) as tracker:
+    with closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
         tracker._process.kill()
         tracker._process.join()
         tracker.step(0, seen[0])

@@ -79,8 +79,8 @@ def live(
             rtsp://... [default: the scene's own files, at their pace]
         to: who is told: tcp://HOST:PORT (ZMQ), ws://HOST:PORT (WebSocket, and a page to look at), vmc://HOST:PORT or
             vmc://HOST:PORT?smooth (VMC by OSC), lsl://NAME (LSL).
-        record: a result's file that is written as it goes: .usdc, .usda or .usd. Of a session that was killed, the next
-            one with the same file keeps the frames first.
+        record: a result's file that is written as it goes: .usdc, .usda or .usd. If a session is killed, the next one
+            with the same file makes a result of its frames first.
         frames: which of the recording's frames. [default: those that the scene names]
         force: replace a result that exists.
         reporter: who is told of notes.

@@ -41,7 +41,7 @@ from mmocap_warp.tracking.tracker import lost_frame
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
 
 _MOST_BEHIND = 32  # frames that may wait to be smoothed; then the next frame waits too, so that memory stays the same
-_NICENESS = 5  # of the process that smooths: where cores are few, the frame that has just come goes first
+_NICENESS = 19  # of the process that smooths: where cores are few, the frame that has just come goes first
 _PATIENCE = 1.0  # seconds between looks at whether that process lives
 _SEARCH_INTERVAL = 0.5  # seconds from a search to the next: it takes nearly as long, and frames are dropped meanwhile
 _REHEARSAL = 1.2  # seconds that are tracked before the first frame: all that is done now and then has been done once

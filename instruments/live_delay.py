@@ -96,9 +96,7 @@ def main(seconds: float, fps: float) -> None:
         delays = 1000 * np.array(late[bool(smooth)])
         half, most, nearly_all, all_of_them = np.percentile(delays, [50, 90, 99, 100])
         spread = f"median {half:.1f}, 90 % {most:.1f}, 99 % {nearly_all:.1f}, most {all_of_them:.1f} ms"
-        print(
-            f"{name}: {count} packets, median {half:.1f}, 90 % {most:.1f}, 99 % {late_ones:.1f}, most {latest:.1f} ms"
-        )
+        print(f"{name}: {len(delays)} packets, {spread}")
 
 
 if __name__ == "__main__":

@@ -176,3 +176,22 @@ def test_vmc_is_for_people():
     fox = load_body("fox")
     with pytest.raises(InputError, match="VMC is for people"):
         open_sender("vmc://127.0.0.1:1", Subject(fox, np.eye(3), np.zeros(fox.skeleton.coordinates), {}), RIG, 30.0)
+
+
+@pytest.mark.nightly
+def test_lsl():
+    lsl = pytest.importorskip("pylsl")
+    name = f"live{free_port()}"
+    with closing(open_sender(f"lsl://{name}", SUBJECT, RIG, 30.0)) as sender:
+        (found,) = lsl.resolve_byprop("name", name, timeout=20)
+        listener = lsl.StreamInlet(found)
+        listener.open_stream(timeout=20)
+        sender.send(packet(smooth=True))  # of the other stream
+        sender.send(packet())
+        values, seen = listener.pull_sample(timeout=20)
+        labels = listener.info(timeout=20).get_channel_labels()
+    joints = SUBJECT.body.skeleton.joints
+    assert labels[:3] == ["frame", "time", f"{joints[0]}.x"]
+    np.testing.assert_allclose(values[:5], [7, 2.5, *packet().answer.joints[0, 0]])
+    assert len(values) == 2 + 7 * len(joints)
+    assert seen < lsl.local_clock() - 1e6  # of 1970

@@ -10,6 +10,7 @@ from synthetic import synthetic_subject
 from tracked_motion import FPS, FRAMES, RIG, marker_errors, motion
 
 from mmocap_warp.masks.observation import unpack_masks
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_observations
 from mmocap_warp.tracking.live import LiveFrame, LiveTracker
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -47,6 +48,22 @@ def test_smoothed_answers_fill_what_was_dropped(answers):
     for frame in smoothed[:FRAMES]:
         if frame.number not in DROPPED:
             np.testing.assert_array_equal(frame.raw_pose, raw[frame.number])
+
+
+def test_only_every_so_many_frames_may_be_searched_for():
+    tracker = ContourTracker(synthetic_subject(), RIG, TrackConfig(device="cpu", threads=1, evaluations=20), FPS)
+    tracker.search_interval = 2
+    evaluations = [tracker.step(seen).evaluations for seen in motion("cpu")[1][:3]]
+    assert [spent > 0 for spent in evaluations] == [True, False, True]  # no level is known yet: all fall short
+
+
+def test_after_one_frame_that_was_searched_the_usual_overlap_may_be_known():
+    tracker = ContourTracker(synthetic_subject(), RIG, CONFIG, FPS)
+    tracker.step(motion("cpu")[1][0])
+    assert not tracker.state.level_known
+    settled = tracker.state.settled()
+    assert settled.level_known
+    assert settled.overlap_levels.max() == tracker.state.overlap_levels.max()
 
 
 def test_without_smoothing_there_is_no_second_answer():

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.command import BY_PLACE, Answer, Given, command
+from mmocap_warp.cli.command import BY_PLACE, Answer, Given, command, several
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, ResultFrames, SceneFrames, flags_of, next_step, table
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
@@ -54,6 +54,24 @@ def track(call: Any, console: Console, loaded: Scene, output: Path | None, force
     if warning:
         console.warn(warning)
     return OK if report["verdict"]["holds"] else CHECK_FAILED
+
+
+@command(
+    "live_session:live",
+    order="subject source to record",
+    source=several("--source"),
+    to=several("--to"),
+    frames=SceneFrames,
+    settings=TrackFlags | None,
+)
+def live(call: Any) -> Answer:
+    report = call()
+    median, late, most = (f"{each:.1f}" for each in report.delay_ms)
+    lines = [
+        f"{report.frames} frames, {report.dropped} dropped, {report.lost} lost",
+        f"from masks to packets: median {median} ms, 99 of 100 within {late} ms, most {most} ms",
+    ]
+    return Answer(vars(report), lines)
 
 
 @command(

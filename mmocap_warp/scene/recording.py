@@ -282,15 +282,29 @@ class Scene:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
         source = self.cameras[k]
         if self.foreground.source == "masks":
-            mark = source.mask_mark
-            resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
-            identity, soft = self.foreground.identity, source.masks is not None and source.masks.soft
+            make = self.mask_maker(k, scale)
             for image in frames_by_number(source.masks, map(source.mask_number, frames)):
-                yield None if image is None else resample.mask(decode_mask(image, identity, soft))
+                yield None if image is None else make(image)
             return
         if self.foreground.source == "program":
             raise InputError(self.path, "its masks are not made yet", "make them with mmocap mask, and track these")
         yield from self._subtracted_once(k, scale, frames)
+
+    def mask_maker(self, k: int, scale: float = 1.0) -> Callable[[Any], np.ndarray]:
+        """What makes masks of camera ``k``'s images: (height, width) bool, undistorted but as read or subtracted.
+
+        Raises:
+            InputError: a background that turns out unreadable.
+        """
+        source, mark, settings = self.cameras[k], self.cameras[k].mask_mark, self.foreground
+        if settings.source == "masks":
+            resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
+            identity, soft = settings.identity, source.masks is not None and source.masks.soft
+            return lambda image: resample.mask(decode_mask(image, identity, soft))
+        to_pinhole, examples = self._undistortion(k, scale), source.background_examples(settings.source)
+        images = (to_pinhole.image(as_colour(image)) for image in examples.read())
+        background = learn_background(images, len(examples), settings)
+        return lambda image: background.foreground(to_pinhole.image(as_colour(image)))
 
     def _subtracted_once(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s subtracted masks, stored beside the scene once they have been made for all of its frames."""
@@ -321,12 +335,9 @@ class Scene:
         return json.dumps(made_from | {name: getattr(settings, name) for name in SUBTRACTION})
 
     def _subtracted(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
-        source, resample = self.cameras[k], self._undistortion(k, scale)
-        examples = source.background_examples(self.foreground.source)
-        images = (resample.image(as_colour(image)) for image in examples.read())
-        background = learn_background(images, len(examples), self.foreground)
-        for image in frames_by_number(source.video, map(source.number, frames)):
-            yield None if image is None else background.foreground(resample.image(as_colour(image)))
+        make = self.mask_maker(k, scale)
+        for image in frames_by_number(self.cameras[k].video, map(self.cameras[k].number, frames)):
+            yield None if image is None else make(image)
 
     def images(self, scale: float = 1.0, first: int = 0, count: int | None = None) -> Iterator[list[np.ndarray | None]]:
         """Undistorted BGR images, pixel for pixel as the masks; None for a camera without video or frame."""

@@ -49,6 +49,7 @@ def load_scene(
     masks: bool = True,
     calibrated: bool = True,
     source: str | None = None,
+    live: bool = False,
 ) -> Scene:
     """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
 
@@ -63,6 +64,7 @@ def load_scene(
             particular.
         source: instead of the scene's own [foreground] source: ``"program"``, or ``"subtraction"`` for the best of the
             backgrounds that the scene has.
+        live: what is tracked comes from elsewhere: no video and no masks must be there, only what is subtracted.
 
     Raises:
         ValueError: ``frames`` that the recording does not have.
@@ -109,7 +111,8 @@ def load_scene(
     elif source == "subtraction" and foreground.source == "recording":
         kinds = (kind for kind in BACKGROUNDS if all(getattr(each, need) for each in sources for need in _IMAGES[kind]))
         foreground = replace(foreground, source=next(kinds, "recording"))
-    _check_sources(sources, rig, foreground, cameras, masks, undistorted_with=calibration is not None)
+    needs = [each for each in _IMAGES[foreground.source] if not (live and each in ("video", "masks"))] if masks else []
+    _check_sources(sources, rig, foreground, cameras, needs, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
         path=path,
@@ -186,12 +189,11 @@ def _check_sources(
     rig: CameraRig,
     foreground: ForegroundSettings,
     table: Table,
-    masks: bool,
+    needs: list[str],
     undistorted_with: bool,
 ) -> None:
     if foreground.repair and len(sources) < 3:
         raise table.error(f"repair needs at least 3 cameras, this scene has {len(sources)}", "set repair = false")
-    needs = _IMAGES[foreground.source] if masks else ()
     for k, source in enumerate(sources):
         where = f"{table.source}: [cameras.{source.name}]"
         # Every camera has the images that masks are made from,

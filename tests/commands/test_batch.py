@@ -68,6 +68,8 @@ def made(tmp_path_factory) -> Path:
     (folder / "broken").mkdir()
     text = (folder / "b" / "scene.toml").read_text()
     (folder / "broken" / "scene.toml").write_text(text.replace("calibration.toml", "nowhere.toml"))
+    (folder / "b" / "made").mkdir()  # a scene that was made of another one
+    (folder / "b" / "made" / "scene.toml").write_text(text)
     (folder / "plan.toml").write_text(PLAN)
     return folder
 
@@ -197,6 +199,7 @@ def test_the_command_says_what_is_missing(whole, made, here, tmp_path, capsys):
         ({"engine": "cloud"}, mm.UsageError, "engine must be local or ray"),
         ({"scenes": "."}, mm.InputError, "names no scene"),
         ({"scenes": ["b", "b/scene.toml"]}, mm.InputError, "names two scenes of one folder"),
+        ({"scenes": ["b", "b/made"]}, mm.InputError, "names two scenes of one folder"),
         ({"plan": "[track]\ndance = 1"}, mm.InputError, r"\[track\]: dance is not known; use one of"),
         ({"plan": "[[scenes]]\nperson = 'x'"}, mm.InputError, "'match' is missing"),
     ],

@@ -102,7 +102,8 @@ class ContourState(TrackState):
 
     def climbed(self, short: np.ndarray, climbing: np.ndarray, in_vain: np.ndarray) -> ContourState:
         """The state after a frame in which runs (run,) bool fell short, climbed the ladder, and did so in vain."""
-        failed = np.where(climbing & in_vain, self.failed_climbs + 1, np.where(short & ~climbing, self.failed_climbs, 0))
+        rested = np.where(short & ~climbing, self.failed_climbs, 0)
+        failed = np.where(climbing & in_vain, self.failed_climbs + 1, rested)
         waited = np.where(climbing, 0, self.waited + 1)
         return replace(self, failed_climbs=failed.astype(np.int32), waited=waited.astype(np.int32))
 

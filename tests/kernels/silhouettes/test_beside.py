@@ -17,7 +17,7 @@ RIG = ring_rig(cameras=5, size=(150, 110))
 def masks() -> list[np.ndarray]:
     """Coarse blobs that agree here and there."""
     rng = np.random.default_rng(7)
-    return [cv2.resize(rng.random((7, 9)), (150, 110)) > 0.45 for _ in range(5)]
+    return [cv2.resize(rng.random((7, 9)), (150, 110)) > 0.62 for _ in range(5)]
 
 
 @pytest.fixture(scope="module")

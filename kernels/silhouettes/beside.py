@@ -103,8 +103,10 @@ def find_cells(sight: Any, skin: Any, step: Any, reach: Any, mark: Any, cell: An
 
 @wp.func
 def _disagree(sight: Sight, other: wp.array[wp.int32], point: wp.vec3d, most: int) -> bool:
-    """Whether more views than ``most`` show nothing at a point of the world."""
+    """Whether more views than ``most`` show nothing at a point of the world; all of them if that is negative."""
     against = int(0)
+    if most < 0:
+        return True
     for i in range(other.shape[0]):
         k = other[i]
         seen = sight.turn[k] * point + sight.shift[k]

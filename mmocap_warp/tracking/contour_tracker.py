@@ -128,12 +128,13 @@ class ContourTracker:
             answer, evaluations = self._best_fit(starts, observation, _STEPS_FAR), self.search.evaluations
         else:
             answer = self._best_fit(self._usual_starts(), observation, _STEPS)
-            short = self._falls_short(answer)
-            climbing = short & (self._state.has_waited | self._is_lost(answer))
+            short = climbing = in_vain = self._falls_short(answer)
+            if self.search and short.any():
+                climbing = short & (self._state.has_waited | self._is_lost(answer))
             if self.search and climbing.any():
                 answer, rescued = self._recovered(self.search, answer, climbing, observation)
-                evaluations = self.search.evaluations
-            self._state = self._state.climbed(short, climbing, self._falls_short(answer))
+                evaluations, in_vain = self.search.evaluations, self._falls_short(answer)
+            self._state = self._state.climbed(short, climbing, in_vain)
 
         # Now and then, and where the ladder led elsewhere, look for limbs that the body does not cover.
         looking = self._state.is_looking(self._look_interval) | rescued

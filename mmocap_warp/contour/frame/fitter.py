@@ -17,7 +17,7 @@ from mmocap_warp.contour.frame.fitter_arrays import make_descent, make_edges, ma
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses
 from mmocap_warp.device.shared_work import SharedWork
-from mmocap_warp.device.transfers import Replays, Upload
+from mmocap_warp.device.transfers import Download, Replays, Upload
 from mmocap_warp.kernels.block import Batch
 from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
@@ -150,6 +150,7 @@ class ContourFitter:
             wp.load_module(module, device=device)  # before threads launch from them at the same time
         self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.struct.frame)]
         self._replays = Replays(device)
+        self._answers = Download([self.descent.best, self.descent.tally])
 
     def observe(self, place: int, observation: Observation) -> None:
         """Put a frame's masks into one of the places for frames."""
@@ -285,8 +286,9 @@ class ContourFitter:
                 self.move(starts[part], neighbours[part])
             self.start_at(starts.pose[part], starts.base[part], place[part])
             self.descend(count, steps)
-            pose[part] = self.descent.best.numpy()[:count]
-            cost[part] = 0.5 * self.descent.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
+            self._answers.fetch(count)
+            pose[part], tally = self._answers.read(count)
+            cost[part] = 0.5 * tally[:, :, 0].astype(np.float64).sum(axis=1)
         return RootedPoses(starts.base, pose), cost
 
     def _run(self, count: int, steps: int) -> None:

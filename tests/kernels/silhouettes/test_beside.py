@@ -74,3 +74,4 @@ def test_places_are_in_the_middle_of_what_other_masks_leave_open(masks, looked) 
     distance = np.linalg.norm(place[:, None] - skin, axis=2)
     np.testing.assert_array_equal(nearest, distance.argmin(axis=1))
     np.testing.assert_allclose(apart, distance.min(axis=1) ** 2)
+    assert not len(looked._agreed_on(2, pixels, depth, others[:1], skin)[0])  # two views must agree

@@ -15,11 +15,11 @@ PACKAGES = ("mmocap-warp", "warp-lang", "usd-core", "opencv-python-headless", "o
 def package_versions(names: Iterable[str] = PACKAGES) -> dict[str, str]:
     """Versions by name, without those that are not installed. This package's own is known even where it only lies on
     Python's path."""
-    found = {}
+    versions = {}
     for name in names:
         with suppress(PackageNotFoundError):
-            found[name] = __version__ if name == "mmocap-warp" else version(name)
-    return found
+            versions[name] = __version__ if name == "mmocap-warp" else version(name)
+    return versions
 
 
 def versions(device: str) -> dict[str, str]:

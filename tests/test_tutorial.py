@@ -33,7 +33,7 @@ def blocks(language: str) -> list[str]:
 FRAMES = {"begun": 4, "whole": 40}
 """How many frames are masked and tracked: some, so that each command is tried in seconds, or all that the page says."""
 
-QUICK = "\n[fit]\nheadings = 4\nevaluations = 100\nfinalists = 1\nframes = 2\n"
+QUICK = "\n[fit]\nheadings = 2\nevaluations = 100\nfinalists = 1\nframes = 2\n"
 """Settings of the fit to a few frames."""
 
 

@@ -109,9 +109,9 @@ def _events(measures: Measures, run: RunMeasures) -> Iterator[Row]:
     moments += [(int(frame), side, "toe off") for side, foot in run.feet.items() for frame in foot.offs]
     unknown = (np.nan,) * len(_OF_STRIKES)
     for frame, side, event in sorted(moments):
-        found = steps.get((side, frame), unknown[:2]) + strides.get((side, frame), unknown[2:])
+        lengths = steps.get((side, frame), unknown[:2]) + strides.get((side, frame), unknown[2:])
         moment = int(measures.result.frame_numbers[frame]), float(measures.seconds[frame])
-        yield run.run, side, event, *moment, *(found if event == "heel strike" else unknown)
+        yield run.run, side, event, *moment, *(lengths if event == "heel strike" else unknown)
 
 
 def report(measures: Measures) -> dict[str, Any]:

@@ -41,13 +41,13 @@ def mirrored_joints(body: BodyModel) -> dict[str, tuple[int, ...]]:
 
 def _other_side(joint: str) -> list[str]:
     """Names that a left joint's mirror image may have."""
-    found = []
+    names = []
     for left, right in _SIDES:
         if joint.startswith(left):
-            found.append(right + joint.removeprefix(left))
+            names.append(right + joint.removeprefix(left))
         if joint.endswith(left):
-            found.append(joint.removesuffix(left) + right)
-    return found
+            names.append(joint.removesuffix(left) + right)
+    return names
 
 
 def mirrored_weights(body: BodyModel) -> np.ndarray:

@@ -50,12 +50,9 @@ class RestSpace:
     Joints that mirror each other share their parameters, such as ``bone.LKnee+RKnee`` (:func:`mirrored_joints`).
     A rigid body has no parameters: it is as it is.
     Attached things are carried along by the joints that they hang on, and keep their size.
-
-    Attributes:
-        body: the body at ``beta = 0``.
     """
 
-    body: BodyModel
+    body: BodyModel  # the body at ``beta = 0``
 
     @cached_property
     def _weight(self) -> np.ndarray:
@@ -103,11 +100,11 @@ class RestSpace:
             of_each = *_bones(body, alone, self._weight), *_girths(body, alone, self._weight)
             columns = {one.name: one for one in of_each}
         both = [[columns.get(f"{kind}.{name}") for name in pair] for kind in ("bone", "girth") for pair in pairs]
-        found = [(left, right) for left, right in both if left and right]
+        two_sided = [(left, right) for left, right in both if left and right]
         return (
-            np.array([_SIDES_SHARE * left.sigma for left, _ in found]),
-            np.array([left.skin - right.skin for left, right in found]).reshape(-1, *body.skin.rest.shape),
-            np.array([left.joint - right.joint for left, right in found]).reshape(-1, *body.joint_rest.shape),
+            np.array([_SIDES_SHARE * left.sigma for left, _ in two_sided]),
+            np.array([left.skin - right.skin for left, right in two_sided]).reshape(-1, *body.skin.rest.shape),
+            np.array([left.joint - right.joint for left, right in two_sided]).reshape(-1, *body.joint_rest.shape),
         )
 
     @cached_property
@@ -135,11 +132,9 @@ class RestSpace:
         return self._parts[key]
 
     def at(self, beta: np.ndarray, vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """The rest body of some parameters, float64 [m]: vertices (vertex, 3) and joint centres (joint, 3).
+        """The rest body of parameters (parameter,), float64 [m]: vertices (vertex, 3) and joint centres (joint, 3).
 
-        Args:
-            beta: (parameter,).
-            vertex: (vertex,) full-mesh vertices that are wanted, such as ``body.tracking_vertex``; all where omitted.
+        Of the full mesh's vertices those of ``vertex`` are wanted, such as ``body.tracking_vertex``; all where omitted.
         """
         if self.body.rigid:
             rest = self.body.skin.rest if vertex is None else self.body.skin.rest[vertex]
@@ -156,12 +151,7 @@ class RestSpace:
         return grown + (1 - scale) * unscaled if self.body.skeleton.attached else grown
 
     def basis(self, beta: np.ndarray, vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of :meth:`at` by the parameters: (parameter, vertex, 3) and (parameter, joint, 3), float64.
-
-        Args:
-            beta: (parameter,).
-            vertex: as in :meth:`at`.
-        """
+        """Derivatives of :meth:`at` by the parameters: (parameter, vertex, 3) and (parameter, joint, 3), float64."""
         rest, joint = self.at(beta, vertex)
         if self.body.rigid:
             return np.zeros((0, *rest.shape)), np.zeros((0, *joint.shape))

@@ -73,8 +73,8 @@ def _finding_values(finding: Finding, result: CameraCheck) -> dict[str, Any]:
     changes = {what: {"by": value, "unit": unit} for what, value, unit in _changes(finding, result)}
     mistake = finding.mistake
     other = mistake.cameras[1] if mistake and mistake.cameras and len(mistake.cameras) > 1 else None
-    found = attributes(finding, "camera", "cause") | {"other": other, "by": changes, "or": finding.others}
-    return found | {"size": mistake and mistake.size, "explains": finding.explained}
+    values = attributes(finding, "camera", "cause") | {"other": other, "by": changes, "or": finding.others}
+    return values | {"size": mistake and mistake.size, "explains": finding.explained}
 
 
 def _changes(finding: Finding, result: CameraCheck) -> list[tuple[str, float, str]]:

@@ -113,9 +113,6 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
 
     Each searched angle is a line along its axis, and an arc from its lowest to its highest value; what slides has a
     line from its lowest to its highest place.
-
-    Raises:
-        InputError: a name that does not end in ``.png``, or a folder that cannot be written to.
     """
     rest = body.tracking.rest.astype(float)
     points = np.concatenate([rest, body.joint_rest, *_slides(body).values()])
@@ -140,12 +137,7 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
 
 
 class _Sheet:
-    """One view: an image, and where points of the body lie in it.
-
-    Args:
-        name: of the view.
-        low, high: (3,) corners of the box that it has to show.
-    """
+    """One view: an image, and where points of the body lie in it; it shows the box from ``low`` to ``high`` (3,)."""
 
     def __init__(self, name: str, low: np.ndarray, high: np.ndarray) -> None:
         self.axes = np.array(_VIEWS[name])
@@ -212,13 +204,13 @@ def _draw_freedom(sheet: _Sheet, body: BodyModel, joint: int, axis: int, extent:
 
 def _slides(body: BodyModel) -> dict[tuple[int, int], np.ndarray]:
     """The lowest and the highest place (2, 3) of each searched slide that has limits, by joint and axis."""
-    skeleton, found = body.skeleton, {}
+    skeleton, ends = body.skeleton, {}
     for coordinate in skeleton.searched_shifts():
         joint, axis = divmod(int(coordinate) - TRANSLATION, 3)
         limits = skeleton.limits[joint, axis].astype(float)
         if np.isfinite(limits).all():
-            found[joint, axis] = body.joint_rest[joint] + limits[:, None] * skeleton.frame[joint, :, axis].astype(float)
-    return found
+            ends[joint, axis] = body.joint_rest[joint] + limits[:, None] * skeleton.frame[joint, :, axis].astype(float)
+    return ends
 
 
 def _write_names(sheet: _Sheet, names: tuple[str, ...], place: np.ndarray) -> None:

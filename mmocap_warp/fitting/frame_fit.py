@@ -95,10 +95,10 @@ class FrameFit:
 
     def _solved(self, guess: Guess, fitter: ContourFitter) -> Guess:
         problem = body_problem(fitter, self.space, guess.root_base, PRIOR)
-        found = problem.solved(np.zeros(1, int), problem.rooting.enter(guess.pose[None]), guess.beta, _BODY_STEPS)
-        pose = problem.rooting.leave(found.rooted, guess.pose[ROOT_ANGLES])
-        self._take_body(found.beta, guess.root_base)
-        return Guess(found.beta, guess.root_base, pose[0], float(self._objective.costs(pose)[0]))
+        solution = problem.solved(np.zeros(1, int), problem.rooting.enter(guess.pose[None]), guess.beta, _BODY_STEPS)
+        pose = problem.rooting.leave(solution.rooted, guess.pose[ROOT_ANGLES])
+        self._take_body(solution.beta, guess.root_base)
+        return Guess(solution.beta, guess.root_base, pose[0], float(self._objective.costs(pose)[0]))
 
     def with_limbs_found(self, guess: Guess, rounds: int) -> Guess:
         """The guess with every limb where it explains the masks best, after at most ``rounds`` rounds over all."""
@@ -129,11 +129,11 @@ class FrameFit:
         rooting = Rooting(self._skeleton, guess.root_base, self._skeleton.searched())
         points = MotionPoints(self._skeleton, body.joint_rest, rooting.searched)
         there = rooting.enter(guess.pose[None])
-        found = []
+        guesses = []
         for one, other in self._pairs or self._like:
             exchanged = places_exchanged(there, (one.coordinates, other.coordinates), points, rooting)
-            found.append(self._refitted(guess, rooting.leave(exchanged, guess.pose[ROOT_ANGLES])[0]))
-        return found
+            guesses.append(self._refitted(guess, rooting.leave(exchanged, guess.pose[ROOT_ANGLES])[0]))
+        return guesses
 
     def _refitted(self, guess: Guess, pose: np.ndarray) -> Guess:
         """The guess, fitted from another pose (coordinate,)."""
@@ -174,8 +174,8 @@ class FrameFit:
     def _better(self, guess: Guess, starts: np.ndarray) -> Guess:
         """The guess, or the best fit from starts (candidate, coordinate) if that costs less."""
         near = self._descended(self._rough_pose, guess, starts)[:_FINE]
-        found = self._descended(self._fine_pose, guess, near)
-        pose, cost = found[0], float(self._objective.costs(found[:1])[0])
+        candidates = self._descended(self._fine_pose, guess, near)
+        pose, cost = candidates[0], float(self._objective.costs(candidates[:1])[0])
         return replace(guess, pose=pose, cost=cost) if cost < guess.cost else guess
 
     def _descended(self, fitter: ContourFitter, guess: Guess, starts: np.ndarray) -> np.ndarray:
@@ -183,8 +183,8 @@ class FrameFit:
         count = len(starts)
         fitter.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
         fitter.descend(count, _LIMB_STEPS)
-        found = fitter.descent.best.numpy()[:count].astype(float)
-        best_first: np.ndarray = found[np.argsort(self._objective.costs(found), kind="stable")]
+        poses = fitter.descent.best.numpy()[:count].astype(float)
+        best_first: np.ndarray = poses[np.argsort(self._objective.costs(poses), kind="stable")]
         return best_first
 
     def _take_body(self, beta: np.ndarray, root_base: np.ndarray) -> None:

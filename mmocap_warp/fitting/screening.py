@@ -73,19 +73,19 @@ def _turned_poses(space: ShapeSpace, poses: np.ndarray, hull: np.ndarray, scale:
     own[:, : TRANSLATION if skeleton.stands else ROOT_ANGLES.stop] = 0.0
     skin = Poser(body, np.eye(3)).tracking_vertices(own).astype(float)
     scale = scale.reshape(len(poses), len(turns))
-    found = np.zeros((len(poses), len(turns), len(space)))
-    found[..., : skeleton.coordinates] = own[:, None]
-    found[..., space.scale_index] = np.log(scale)
+    turned = np.zeros((len(poses), len(turns), len(space)))
+    turned[..., : skeleton.coordinates] = own[:, None]
+    turned[..., space.scale_index] = np.log(scale)
     middle = scale[..., None] * np.einsum("ij,tjk,pk->pti", upright, turns, skin.mean(axis=1))
     place = np.median(hull, axis=0) - middle
     if skeleton.stands:
-        found[..., space.heading_index] = headings
+        turned[..., space.heading_index] = headings
         bottom = scale * skin[:, :, 1].min(axis=1)[:, None]
         place += (np.percentile(hull @ up, 0.5) - bottom - place @ up)[..., None] * up
     else:
-        found[..., ROOT_ANGLES] = zyx_angles(frame.T @ turns @ frame)
-    found[..., :TRANSLATION] = place
-    return found.reshape(-1, len(space))
+        turned[..., ROOT_ANGLES] = zyx_angles(frame.T @ turns @ frame)
+    turned[..., :TRANSLATION] = place
+    return turned.reshape(-1, len(space))
 
 
 def _judged(objective: Objective, candidates: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -269,11 +269,11 @@ def _headings(task: _Task, frame: FirstFrame) -> list[Guess]:
             for scaled in ((True, False) if body.skeleton.attached else (True,))
         ]
         searched = [search_headings(shapes, frame, start, config.headings, config.evaluations) for start in starts]
-        found = np.concatenate(searched)
+        candidates = np.concatenate(searched)
     else:
         given = task.start_poses
         poses = usual_poses(body.skeleton, body.rigid, config.seed) if given is None else given
         screened = screened_starts(shapes, frame, subject_hull(body, frame), poses, config.headings)
-        found = search_starts(shapes, frame, screened, config.evaluations, near_rest=given is None)
-    subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in found]
+        candidates = search_starts(shapes, frame, screened, config.evaluations, near_rest=given is None)
+    subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in candidates]
     return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]

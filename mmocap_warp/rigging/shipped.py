@@ -45,24 +45,19 @@ def body_file(name: str | Path, source: object = "body") -> Path:
     if Path(name).suffix:
         return Path(name)
     shipped = [file for folder in _FOLDERS for file in sorted((ROOT / folder).glob("*.usdc"))]
-    found = next((file for file in shipped if file.stem == str(name)), None)
-    if found is None:
+    match = next((file for file in shipped if file.stem == str(name)), None)
+    if match is None:
         known = ", ".join(file.stem for file in shipped)
         raise InputError(source, f"there is no body '{name}'", f"name a USD file, or one of {known}")
-    return found
+    return match
 
 
 @dataclass(frozen=True, eq=False)
 class DeviationFactors:
-    """Factors of stated standard deviations.
+    """Factors of stated standard deviations."""
 
-    Attributes:
-        joint: (joint, 3) of the joints' centres along the body's axes: to its left, up, and ahead.
-        angle: (joint, 3) of the joints' angles.
-    """
-
-    joint: np.ndarray
-    angle: np.ndarray
+    joint: np.ndarray  # (joint, 3) of the joints' centres along the body's axes: to its left, up, and ahead
+    angle: np.ndarray  # (joint, 3) of the joints' angles
 
     @property
     def coordinate(self) -> np.ndarray:

@@ -90,8 +90,8 @@ def draft_scene(folder: Path) -> Draft:
         remedy = "put a video or a folder of images of each camera there"
         raise InputError(folder, "holds no video and no folder of images", remedy)
     # The calibration names the cameras, and each camera's name is looked for in the media's.
-    found = search.find_calibration(folder)
-    rig, units = search.read_with_unit(found, _sizes(files, found)) if found else (None, "m")
+    rig_file = search.find_calibration(folder)
+    rig, units = search.read_with_unit(rig_file, _sizes(files, rig_file)) if rig_file else (None, "m")
     names = rig.names if rig else search.names_without_calibration(files)
     video = _one_take(folder, files, names)
     kinds: tuple[Kind, ...] = ("masks", "background", "clean_plate")
@@ -109,7 +109,7 @@ def draft_scene(folder: Path) -> Draft:
     blocks = [
         _head(draft, folder),
         _about(draft, rig, media),
-        _calibration(draft, found, units, folder),
+        _calibration(draft, rig_file, units, folder),
         *(_camera(draft, name, folder, rig, media) for name in draft.cameras),
         _foreground(draft, media),
     ]

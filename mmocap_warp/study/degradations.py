@@ -6,16 +6,19 @@ They are named as in ``views=3``; several are joined by ``+``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations, islice
+from pathlib import Path
 
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation, unpack_masks
-from mmocap_warp.study.source import OpenClip
+from mmocap_warp.study.sequences import StudySequence
+from mmocap_warp.study.source import OpenClip, open_sequence
 from mmocap_warp.synthesis.bystanders import PasserBy, furniture
+from mmocap_warp.synthesis.writing import Progress, write_made_scene
 
 NONE = "none"
 """The recording as it is."""
@@ -51,11 +54,7 @@ def most_different_views(rig: CameraRig, count: int) -> tuple[int, ...]:
         raise ValueError(f"views must be 1 to {len(rig)}, got {count}")
     ahead = rig.R[:, 2]
     alike = np.abs(ahead @ ahead.T).round(9) - 2 * np.eye(len(rig))
-
-    def most_alike(chosen: tuple[int, ...]) -> float:
-        return float(alike[np.ix_(chosen, chosen)].max())
-
-    return min(combinations(range(len(rig)), count), key=most_alike)
+    return min(combinations(range(len(rig)), count), key=lambda chosen: float(alike[np.ix_(chosen, chosen)].max()))
 
 
 def fewer_frames(clip: OpenClip, fps: float) -> OpenClip:
@@ -64,20 +63,14 @@ def fewer_frames(clip: OpenClip, fps: float) -> OpenClip:
     Raises:
         ValueError: a rate that is not the clip's divided by a whole number.
     """
-    step = round(clip.fps / fps)
+    step, truth = round(clip.fps / fps), clip.truth
     if step < 1 or abs(clip.fps - step * fps) > 1e-6 * clip.fps:
         raise ValueError(f"fps must divide the clip's {clip.fps:g}, got {fps:g}")
-    truth = clip.truth
     if truth is not None:
         truth = truth.at_frames(truth.frame_numbers % step == 0)
         truth = replace(truth, fps=fps, frame_numbers=truth.frame_numbers // step)
-    return replace(
-        clip,
-        fps=fps,
-        frames=-(-clip.frames // step),
-        truth=truth,
-        observations=islice(clip.observations, 0, None, step),
-    )
+    seen = islice(clip.observations, 0, None, step)
+    return replace(clip, fps=fps, frames=-(-clip.frames // step), truth=truth, observations=seen)
 
 
 def wrong_calibration(clip: OpenClip, pixels: float, seed: int) -> OpenClip:
@@ -108,14 +101,10 @@ def cut_out(clip: OpenClip, views: int) -> OpenClip:
 
     It stays where it is, and is half as wide and as high as the person stands when it begins.
     """
-    half = round(_CUT_SECONDS / 2 * clip.fps)
-    first, last = clip.frames // 2 - half, clip.frames // 2 + half
-    blocks: dict[int, tuple[slice, slice]] = {}
+    half, blocks = round(_CUT_SECONDS / 2 * clip.fps), {}
 
     def cut(frame: int, masks: Masks) -> Masks:
-        if not first <= frame < last:
-            return masks
-        for k, mask in enumerate(masks[:views]):
+        for k, mask in enumerate(masks[:views] if -half <= frame - clip.frames // 2 < half else ()):
             if k not in blocks and mask.any():
                 rows, columns = np.nonzero(mask)
                 reach = round(_CUT_SHARE / 2 * (rows.max() + 1 - rows.min()))
@@ -188,21 +177,16 @@ def degraded(clip: OpenClip, text: str, seed: int) -> OpenClip:
 
 def _with_masks(clip: OpenClip, change: Callable[[int, Masks], Masks]) -> OpenClip:
     """The clip whose masks are changed, frame by frame; what is changed may be the masks given."""
-
-    def changed(observations: Iterator[Observation]) -> Iterator[Observation]:
-        for frame, seen in enumerate(observations):
-            yield Observation.from_masks(change(frame, unpack_masks(seen.words, clip.rig.size)), seen.late)
-
-    return replace(clip, observations=changed(clip.observations))
+    seen = (
+        Observation.from_masks(change(frame, unpack_masks(seen.words, clip.rig.size)), seen.late)
+        for frame, seen in enumerate(clip.observations)
+    )
+    return replace(clip, observations=seen)
 
 
 def _with_others(clip: OpenClip, others: Callable[[int], Masks]) -> OpenClip:
     """The clip in whose frames others are foreground, too."""
-
-    def joined(frame: int, masks: Masks) -> Masks:
-        return [mask | other for mask, other in zip(masks, others(frame), strict=True)]
-
-    return _with_masks(clip, joined)
+    return _with_masks(clip, lambda frame, masks: [a | b for a, b in zip(masks, others(frame), strict=True)])
 
 
 def _clear_circle(clip: OpenClip) -> tuple[np.ndarray, float]:
@@ -215,3 +199,62 @@ def _clear_circle(clip: OpenClip) -> tuple[np.ndarray, float]:
     floor = root - np.outer(root @ up, up)
     middle = (np.nanmin(floor, axis=0) + np.nanmax(floor, axis=0)) / 2
     return middle, float(np.nanmax(np.linalg.norm(floor - middle, axis=1))) + _APART
+
+
+# ---- Writing a shipped sequence as an ordinary scene, whole or made worse, to look at or to track on its own.
+
+_FOREGROUND = """\
+# The study tracks these masks as they are, with all their faults.
+[foreground]
+source = "masks"
+keep = "all"
+"""
+
+
+def write_sequence(
+    folder: str | Path,
+    sequence: StudySequence,
+    progress: Progress | None = None,
+    *,
+    degradation: str = NONE,
+    seed: int = 0,
+) -> Path:
+    """Write a sequence as a scene whose observations are the sequence's own, bit for bit, or these made worse.
+
+    The folder gets ``masks/<camera>/<frame>.png`` (1 bit), ``calibration.toml``, ``truth.usdc`` (true markers with
+    their noise, joints and poses), ``subject.usdc`` (where tracking starts) and last ``scene.toml``, whose path is
+    returned. Files of the same names are replaced. ``progress`` is called after each frame.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+        ValueError: a degradation that means nothing to this sequence.
+    """
+    worse = degraded(open_sequence(sequence), degradation, seed)
+    about = f"{sequence.name} of the study's shipped sequences, made up with known truth."
+    if degradation != NONE:
+        about += f" Made worse: {degradation}, seed {seed}."
+    return write_made_scene(
+        Path(folder),
+        _Streamed(worse),
+        worse.truth or sequence.truth,
+        name=sequence.name,
+        about=about,
+        foreground=_FOREGROUND,
+        subject=sequence.subject,
+        progress=progress,
+    )
+
+
+class _Streamed:
+    """A clip as footage."""
+
+    def __init__(self, clip: OpenClip) -> None:
+        self._clip = clip
+        self.fps, self.rig = clip.fps, clip.rig
+
+    def __len__(self) -> int:
+        return self._clip.frames
+
+    def masks(self, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) bool, of the next frame."""
+        return unpack_masks(next(self._clip.observations).words, self.rig.size)

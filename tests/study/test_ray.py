@@ -12,17 +12,19 @@ from pathlib import Path
 import pytest
 import ray
 from ray.cluster_utils import Cluster
-from tiny_study import STUDY, answer_members, run_quietly, tasks_of, write_study
+from tiny_study import STUDY as ALL_ALGORITHMS
+from tiny_study import answer_members, run_quietly, tasks_of, write_study
 
 from mmocap_warp import cli
 from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.engines import ray as engine_module
-from mmocap_warp.study.engines.engine import Death, EngineLost, Notice
-from mmocap_warp.study.engines.ray import RayEngine, Shares, _how_it_ended, join_cluster, share_cluster
-from mmocap_warp.study.job import LESS_MEMORY
+from mmocap_warp.jobs import ray_engine as engine_module
+from mmocap_warp.jobs.engine import LESS_MEMORY, Death, EngineLost, Notice
+from mmocap_warp.jobs.ray_engine import RayEngine, Shares, _how_it_ended, join_cluster, share_cluster
+from mmocap_warp.study.job import Worker
 
-CELLS = 12
+STUDY = ALL_ALGORITHMS.replace('"h-cmaes", "cmaes", "de", "pso"', '"h-cmaes", "pso"')
+CELLS = 6
 PATIENCE = 120.0  # for whatever a cluster does [s]
 
 
@@ -46,21 +48,35 @@ def cluster(clusters) -> Cluster:
 
 
 def started(cluster: Cluster, study: Path, results: Path, patience: float = 60.0) -> subprocess.Popen:
-    """A run on the cluster's two machines that has stored its first result."""
-    main = f"import sys; from mmocap_warp.study.engines import ray; ray._PATIENCE = {patience}; "
-    main += "ray._SECONDS_BETWEEN_PROBES = 1.0; "
-    main += "from mmocap_warp.cli import main; sys.exit(main(sys.argv[1:]))"
+    """A run on the cluster's two machines that has stored its first result, and whose workers both have a cell."""
+    busy = [results.with_name(f"busy.{worker}") for worker in range(2)]
+    main = f"""
+import sys
+from pathlib import Path
+from mmocap_warp.jobs import ray_engine as ray
+from mmocap_warp.cli import main
+ray._PATIENCE = {patience}
+ray._SECONDS_BETWEEN_PROBES = 1.0
+submit = ray.RayEngine.submit
+def noted(engine, worker, job):
+    submit(engine, worker, job)
+    Path(f"{results.with_name("busy")}.{{worker}}").touch()
+ray.RayEngine.submit = noted
+sys.exit(main(sys.argv[1:]))
+"""
     where = ["--engine", "ray", "--address", cluster.address, "--workers", "2", "--json"]
     command = [sys.executable, "-c", main, "study", "run", str(study), "-o", str(results), *where]
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + PATIENCE
-    while not list(results.glob("*.npz")) and run.poll() is None and time.monotonic() < deadline:
+    while run.poll() is None and time.monotonic() < deadline:
+        if list(results.glob("*.npz")) and all(file.exists() for file in busy):
+            break
         time.sleep(0.01)
     return run
 
 
 def test_two_workers_give_the_files_of_a_local_run_though_a_machine_dies(cluster, tmp_path):
-    study = write_study(tmp_path, STUDY.replace("seeds = 2", "seeds = 4").replace("[12]", "[24]"))
+    study = write_study(tmp_path, STUDY.replace("seeds = 2", "seeds = 4").replace("[12]", "[60]"))
     run = started(cluster, study, tmp_path / "ray")
     cluster.remove_node(cluster.list_all_nodes()[-1], allow_graceful=False)
     output, notes = run.communicate(timeout=PATIENCE)
@@ -157,12 +173,12 @@ def test_a_cluster_is_shared_out(workers, gpus, shares, monkeypatch):
 
 def test_a_head_that_does_not_answer_has_vanished():
     with pytest.raises(EngineLost, match=r"the Ray cluster at 127\.0\.0\.1:1 has vanished"):
-        RayEngine("127.0.0.1:1", Shares(0, 0.0, 2))._check_head()
+        RayEngine(Worker, "127.0.0.1:1", Shares(0, 0.0, 2))._check_head()
 
 
 def test_a_machine_that_a_worker_fits_on_is_waited_for(monkeypatch):
     monkeypatch.setattr(engine_module, "_PATIENCE", 0.0)
-    engine = RayEngine("head:1", Shares(0, 0.0, 2))
+    engine = RayEngine(Worker, "head:1", Shares(0, 0.0, 2))
     for _ in range(2):  # once it is there again, the next wait is a new one
         machines(monkeypatch, {"CPU": 1.0}, {"CPU": 2.0})
         assert engine._check_machines() == []

@@ -40,8 +40,8 @@ def read_biocv(root: Path, trial: str) -> DatasetScene:
     videos = dataset_scene.find_files(folder, "[0-9][0-9].mp4", "the trial's videos")
     places = [root / "calibrationUpdate" / person, folder.parent]
     calibrations = next((place for place in places if place.is_dir() and any(place.glob("*.calib"))), folder.parent)
-    found = [dataset_scene.find_files(calibrations, f"{video.name}*.calib", "its calibration")[0] for video in videos]
-    cameras = [_read_camera(file, video.stem) for file, video in zip(found, videos, strict=True)]
+    files = [dataset_scene.find_files(calibrations, f"{video.name}*.calib", "its calibration")[0] for video in videos]
+    cameras = [_read_camera(file, video.stem) for file, video in zip(files, videos, strict=True)]
     _, fps, frames = dataset_scene.open_videos(videos)
     path = folder / "markers.c3d"
     truth, notes = None, [f"no truth: there is no {path.name} in {folder}"]

@@ -85,8 +85,8 @@ def _read_truth(folder: Path, person: str, fps: float, frames: int) -> tuple[Tru
         digits = file.stem.rpartition("_")[2]
         if not digits.isdecimal() or int(digits) >= frames:
             continue
-        found = dataset_scene.read_json(file, _MAX_POSES).get("bodies")
-        for number, body in enumerate(found if isinstance(found, list) else []):
+        people = dataset_scene.read_json(file, _MAX_POSES).get("bodies")
+        for number, body in enumerate(people if isinstance(people, list) else []):
             where = f"{file}: bodies[{number}]"
             if not isinstance(body, dict):
                 raise InputError(where, "is not a JSON object", REMEDY)

@@ -34,13 +34,13 @@ def faults(path: str | Path) -> list[str]:
     stage = Usd.Stage.Open(str(path))
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(stage)
-    found = [f"{error.GetName()}: {error.GetMessage()}" for error in errors]
+    lines = [f"{error.GetName()}: {error.GetMessage()}" for error in errors]
     # Files that it refers to, whether they exist or not; what a .usdz packs is in it.
     layers, assets, unresolved = UsdUtils.ComputeAllDependencies(str(path))
     named = [*(layer.realPath for layer in layers), *map(str, assets)]
     outside = [name for name in named if name.partition("[")[0] != str(path.resolve())]
-    found += [f"needs {name}, which is not in it" for name in [*outside, *map(str, unresolved)]]
-    found += body_faults(stage)
+    lines += [f"needs {name}, which is not in it" for name in [*outside, *map(str, unresolved)]]
+    lines += body_faults(stage)
     # What keeps this program from reading a result, a subject or a body of its own.
     roots = [prim for prim in stage.Traverse() if prim.HasAttribute("mmocap:attribution")]
     if roots:
@@ -49,31 +49,31 @@ def faults(path: str | Path) -> list[str]:
         try:
             read(path)
         except InputError as error:
-            found.append(error.problem)
-    return found
+            lines.append(error.problem)
+    return lines
 
 
 def body_faults(stage: Usd.Stage) -> list[str]:
     """The faults that UsdValidation misses, one line each, naming the prim."""
-    found = [
+    lines = [
         f"{prim.GetPath()}: {attribute.GetName()} has a value of a type that USD does not know"
         for prim in stage.Traverse()
         for attribute in prim.GetAuthoredAttributes()
         if any(isinstance(value, Sdf.UnregisteredValue) for _, value in _samples(attribute))
     ]
-    if found:  # nothing more can be said of such values, nor of what refers to them
-        return found
+    if lines:  # nothing more can be said of such values, nor of what refers to them
+        return lines
     checks = (
         (UsdSkel.Skeleton, _skeleton_faults),
         (UsdSkel.Animation, _animation_faults),
         (UsdGeom.Mesh, _mesh_faults),
     )
     for prim in stage.Traverse():
-        found += (f"{prim.GetPath()}: {fault}" for fault in _value_faults(prim))
+        lines += (f"{prim.GetPath()}: {fault}" for fault in _value_faults(prim))
         for schema, check in checks:
             if prim.IsA(schema):
-                found += (f"{prim.GetPath()}: {fault}" for fault in check(schema(prim)))
-    return found
+                lines += (f"{prim.GetPath()}: {fault}" for fault in check(schema(prim)))
+    return lines
 
 
 def _value_faults(prim: Usd.Prim) -> Iterator[str]:

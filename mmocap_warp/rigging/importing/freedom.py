@@ -26,22 +26,15 @@ _TRAVEL = 0.02  # a joint that slides by less is not searched, as a share of the
 
 @dataclass(frozen=True)
 class Freedom:
-    """How a joint moves.
+    """How a joint moves."""
 
-    Attributes:
-        frame: (3, 3), columns are its axes in the body's: a hinge turns about x, a slider slides along x; y runs along
-            a bone else.
-        free: axes that are searched, such as ``xyz``, ``x`` or none.
-        limits: (3, 2), lowest and highest angle about each axis [rad], or shift along it [m].
-        origin: where this is from: ``file``, ``derived`` or ``given``.
-        slides: whether it slides along its axes instead of turning about them.
-    """
-
+    # (3, 3), columns are its axes in the body's: a hinge turns about x, a slider slides along x; y runs along a bone
+    # else.
     frame: np.ndarray
-    free: str
-    limits: np.ndarray
-    origin: str
-    slides: bool = False
+    free: str  # axes that are searched, such as ``xyz``, ``x`` or none
+    limits: np.ndarray  # (3, 2), lowest and highest angle about each axis [rad], or shift along it [m]
+    origin: str  # where this is from: ``file``, ``derived`` or ``given``
+    slides: bool = False  # whether it slides along its axes instead of turning about them
 
 
 def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
@@ -80,16 +73,16 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             else:
                 derived[joint] = _hinge(place[before], place[joint], ends[joint], normal, joint not in mesh.parent)
     # What the file says comes first, and joints without skin are held.
-    found = []
+    freedoms = []
     for joint, freedom in enumerate(derived):
         if joint == 0:
             free = "" if mesh.rigid and _is_one_chain(mesh) else "xyz"
-            found.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
+            freedoms.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
         elif joint in mesh.axes:
-            found.append(_freedom_of_file_joint(mesh.axes[joint], ends[joint] - place[joint], least_travel))
+            freedoms.append(_freedom_of_file_joint(mesh.axes[joint], ends[joint] - place[joint], least_travel))
         else:
-            found.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
-    return found
+            freedoms.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
+    return freedoms
 
 
 MOST_SEARCHED = 100

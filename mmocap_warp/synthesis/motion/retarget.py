@@ -40,10 +40,7 @@ _HALF_STRAIGHT = np.radians(3.0)  # knees stay bent by at least this
 def read_clip(path: str | Path, skeleton: str | Path | None = None, markers: str | Path | None = None) -> MotionClip:
     """Read a ``.bvh``, or an ``.amc`` with its ``.asf`` and the ``.c3d`` of the same take.
 
-    Args:
-        path: the motion.
-        skeleton: see :func:`mmocap_warp.formats.motion.amc.read_amc`.
-        markers: see :func:`mmocap_warp.formats.motion.amc.with_markers`.
+    The skeleton and the markers are as of :func:`~mmocap_warp.formats.motion.amc.read_amc` and ``with_markers`` there.
 
     Raises:
         InputError: another ending, or a file that is missing or wrong.
@@ -69,16 +66,10 @@ class Retargeted:
 
 
 def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) -> Retargeted:
-    """The clip's movement on a body.
+    """The clip's movement on a body, at so many frames per second; errors name the clip's ``source``.
 
     The part about the clip's middle frame is kept that stays within 1.3 m of where the body is then, and moved to the
     origin, where the study's cameras see it.
-
-    Args:
-        clip: the motion.
-        body: who moves so.
-        fps: frames per second to give.
-        source: of the clip, for errors.
 
     Raises:
         InputError: a skeleton whose joints are not known by any of their usual names, or that does not rest upright.
@@ -125,12 +116,12 @@ class _Actor:
 
     @classmethod
     def of(cls, clip: MotionClip, source: object) -> _Actor:
-        found = _find_joints(clip, source)
-        index = list(found.values())
-        axes = _rest_axes({name: clip.rest[j] for name, j in found.items()}, source)
-        rotation = {name: axes.T @ clip.rotation[:, j] @ axes for name, j in found.items()}
+        joints = _find_joints(clip, source)
+        index = list(joints.values())
+        axes = _rest_axes({name: clip.rest[j] for name, j in joints.items()}, source)
+        rotation = {name: axes.T @ clip.rotation[:, j] @ axes for name, j in joints.items()}
         markers = np.zeros((len(clip.place), 0, 3)) if clip.markers is None else clip.markers @ axes
-        return cls(tuple(found), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation, markers)
+        return cls(tuple(joints), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation, markers)
 
     def part(self, frames: slice) -> _Actor:
         """The same in some of the frames."""
@@ -156,7 +147,7 @@ class _Actor:
 
 def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
     plain = [_plain_name(name) for name in clip.joint_names]
-    found = {}
+    number = {}
     for role, names in _NAMES.items():
         for side in "LR" if role[0] == "L" else ("",):
             wanted = [_other_side(name) if side == "R" else name for name in names]
@@ -165,8 +156,8 @@ def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
             if not known:
                 problem = f"none of its joints is the {joint}: {', '.join(clip.joint_names)}"
                 raise InputError(source, problem, f"name it {' or '.join(wanted)}")
-            found[joint] = plain.index(known[0])
-    return found
+            number[joint] = plain.index(known[0])
+    return number
 
 
 def _plain_name(name: str) -> str:

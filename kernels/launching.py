@@ -1,0 +1,59 @@
+"""Launches that a CPU thread does again and again: their arguments are packed once.
+
+To pack them takes Python some 60 us a launch, in which no other thread launches anything.
+"""
+
+import threading
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any
+
+import warp as wp
+
+
+class _Recorder(threading.local):
+    commands: list[Any] | None = None
+
+
+_recorder = _Recorder()
+
+
+def launch(
+    kernel: Any,
+    dim: int | Sequence[int],
+    inputs: Sequence[Any],
+    outputs: Sequence[Any],
+    *,
+    device: Any,
+    block_dim: int = 256,
+) -> None:
+    """As ``wp.launch``; a thread that records keeps the launch."""
+    recording = _recorder.commands is not None
+    command = wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=block_dim, record_cmd=recording)
+    if _recorder.commands is not None and command is not None:
+        _recorder.commands.append(command)
+        command.launch()
+
+
+class Recordings:
+    """Does work that is nothing but launches; what it was done with before is launched again as it was packed.
+
+    On a GPU, where graphs do this, the work is simply done. Threads may record and replay at the same time.
+    """
+
+    def __init__(self) -> None:
+        self._commands: dict[Hashable, list[Any]] = {}
+
+    def run(self, kind: Hashable, device: Any, work: Callable[[], None]) -> None:
+        """Do the work, which launches the same on the same arrays whenever its ``kind`` is the same."""
+        if wp.get_device(device).is_cuda:
+            work()
+        elif kind in self._commands:
+            for command in self._commands[kind]:
+                command.launch()
+        else:
+            _recorder.commands = commands = []
+            try:
+                work()
+            finally:
+                _recorder.commands = None
+            self._commands[kind] = commands

@@ -4,41 +4,27 @@ To pack them takes Python some 60 us a launch, in which no other thread launches
 """
 
 import threading
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import warp as wp
 
-
-class _Recorder(threading.local):
-    commands: list[Any] | None = None
+_recorder = threading.local()  # its commands, in a thread that records
 
 
-_recorder = _Recorder()
-
-
-def launch(
-    kernel: Any,
-    dim: int | Sequence[int],
-    inputs: Sequence[Any],
-    outputs: Sequence[Any],
-    *,
-    device: Any,
-    block_dim: int = 256,
-) -> None:
+def launch(kernel: Any, dim: Any, inputs: list[Any], outputs: list[Any], *, device: Any, block_dim: int = 256) -> None:
     """As ``wp.launch``; a thread that records keeps the launch."""
-    recording = _recorder.commands is not None
-    command = wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=block_dim, record_cmd=recording)
-    if _recorder.commands is not None and command is not None:
-        _recorder.commands.append(command)
+    commands: list[Any] | None = getattr(_recorder, "commands", None)
+    command = wp.launch(
+        kernel, dim, inputs, outputs, device=device, block_dim=block_dim, record_cmd=commands is not None
+    )
+    if commands is not None and command is not None:
+        commands.append(command)
         command.launch()
 
 
 class Recordings:
-    """Does work that is nothing but launches; what it was done with before is launched again as it was packed.
-
-    On a GPU, where graphs do this, the work is simply done. Threads may record and replay at the same time.
-    """
+    """Does work that is nothing but launches, and launches again what was packed; on a GPU, graphs do that."""
 
     def __init__(self) -> None:
         self._commands: dict[Hashable, list[Any]] = {}

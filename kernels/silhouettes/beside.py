@@ -44,13 +44,15 @@ def _is_near(mark: wp.array[wp.uint8], first: int, last: int, at: int, columns: 
 
 
 @wp.func
-def _cell_of(point: wp.vec2d, apart: int, columns: int, rows: int) -> int:
-    """The number of the cell that a point of an image is in; -1 for none."""
-    x = wp.rint(point[0] / wp.float64(apart))
-    y = wp.rint(point[1] / wp.float64(apart))
-    if x >= wp.float64(0.0) and y >= wp.float64(0.0) and x < wp.float64(columns) and y < wp.float64(rows):
-        return int(y) * columns + int(x)
-    return -1
+def _set(
+    mark: wp.array[wp.uint8], first: int, skin: wp.array[wp.vec2d], apart: int, columns: int, rows: int, value: int
+) -> None:
+    """Set the marks of the cells that points of an image are in."""
+    for i in range(skin.shape[0]):
+        x = wp.rint(skin[i][0] / wp.float64(apart))
+        y = wp.rint(skin[i][1] / wp.float64(apart))
+        if x >= wp.float64(0.0) and y >= wp.float64(0.0) and x < wp.float64(columns) and y < wp.float64(rows):
+            mark[first + int(y) * columns + int(x)] = wp.uint8(value)
 
 
 @wp.kernel
@@ -73,10 +75,7 @@ def _find_cells(
         columns = (sight.size[k][0] + apart - 1) // apart
         rows = (sight.size[k][1] + apart - 1) // apart
         first = k * room
-        for i in range(skin.shape[1]):
-            at = _cell_of(skin[k, i], apart, columns, rows)
-            if at >= 0:
-                mark[first + at] = wp.uint8(1)
+        _set(mark, first, skin[k], apart, columns, rows, 1)
         for row in range(rows):
             for w in range(sight.word.shape[2]):
                 word = sight.word[k, row * apart, w]
@@ -88,10 +87,7 @@ def _find_cells(
                                 if found < cell.shape[1]:
                                     cell[k, found] = wp.vec2i(column, row)
                                 found += 1
-        for i in range(skin.shape[1]):
-            at = _cell_of(skin[k, i], apart, columns, rows)
-            if at >= 0:
-                mark[first + at] = wp.uint8(0)
+        _set(mark, first, skin[k], apart, columns, rows, 0)
     count[k] = found
 
 

@@ -9,6 +9,7 @@ body, somebody who passes by or a chest, do not count.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -35,6 +36,7 @@ _LEAST_VIEWS = 4  # so many other views must be there for one of them to be allo
 _FAULT_AREA = 0.003  # what one view alone shows counts where it is more than that: a mask may have such faults [m^2]
 _MOST_AREA = 0.12  # a view that leaves more than that uncovered shows somebody or something else [m^2]
 
+_zeros = partial(wp.zeros, device="cpu")
 _LOOK_INTERVAL = 0.1  # seconds between the frames that are looked at for limbs that were lost
 _JUDGE_INTERVAL = 1 / 30  # seconds between the frames whose final poses are judged
 _CLEAR_AREA = 0.01  # area above the usual that says by itself that a limb is lost [m^2], in a body like a person
@@ -191,10 +193,6 @@ class UncoveredArea:
 def _on_cpu(values: np.ndarray, dtype: Any) -> Any:
     """A NumPy array as kernels take it, without a copy where it is contiguous."""
     return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu", copy=False)
-
-
-def _zeros(shape: int | tuple[int, ...], dtype: Any) -> Any:
-    return wp.zeros(shape, dtype=dtype, device="cpu")
 
 
 def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarray, frames: int) -> np.ndarray:

@@ -14,7 +14,6 @@ LEVEL_FRAMES = 20
 """Frames that the usual overlap is taken over."""
 _LEAST_FRAMES = 4  # the usual overlap is known after so many frames
 _LEVEL_SHARE = 0.3  # share of a look's uncovered area in its new level
-_LONGEST_WAIT = 4  # frames at most between two climbs of the ladder of recovery
 _RAREST_LOOK = 4  # looks for a limb that is not found come so many times as rarely at most
 
 
@@ -59,8 +58,7 @@ class ContourState(TrackState):
         doubt: (run,) bool, whether that says that a limb is elsewhere.
         look_count, outstanding_count: (run,) int32, how many looks there were, and how many of them said so.
         failed_looks: (run,) int32, how many looks for a limb in a row found none.
-        failed_climbs: (run,) int32, how often in a row the ladder of recovery was climbed in vain.
-        waited: (run,) int32, frames since it was climbed.
+        climbed_in_vain: (run,) bool, whether the ladder of recovery was climbed in vain in the last frame.
     """
 
     previous_pose: np.ndarray
@@ -74,8 +72,7 @@ class ContourState(TrackState):
     failed_looks: np.ndarray
     look_count: np.ndarray
     outstanding_count: np.ndarray
-    failed_climbs: np.ndarray
-    waited: np.ndarray
+    climbed_in_vain: np.ndarray
 
     @classmethod
     def at(cls, pose: np.ndarray, parts: int) -> ContourState:
@@ -86,26 +83,13 @@ class ContourState(TrackState):
             pose, counts, previous_pose=pose, overlap_levels=nothing, exposed_outlines=nothing, lost_count=counts,
             frame_count=counts, uncovered_levels=by_part, last_excess=np.zeros(runs, np.float32),
             doubt=np.zeros(runs, bool), failed_looks=counts, look_count=counts, outstanding_count=counts,
-            failed_climbs=counts, waited=counts,
+            climbed_in_vain=np.zeros(runs, bool),
         )  # fmt: skip
 
     def is_looking(self, interval: int) -> np.ndarray:
         """(run,) bool: whether the next frame is looked at for limbs; after looks that failed it is less often."""
         looking: np.ndarray = self.frame_count % (interval * np.minimum(1 + self.failed_looks, _RAREST_LOOK)) == 0
         return looking
-
-    @property
-    def has_waited(self) -> np.ndarray:
-        """(run,) bool: whether the ladder of recovery may be climbed again."""
-        waited: np.ndarray = self.waited >= np.minimum(self.failed_climbs, _LONGEST_WAIT)
-        return waited
-
-    def climbed(self, short: np.ndarray, climbing: np.ndarray, in_vain: np.ndarray) -> ContourState:
-        """The state after a frame in which runs (run,) bool fell short, climbed the ladder, and did so in vain."""
-        rested = np.where(short & ~climbing, self.failed_climbs, 0)
-        failed = np.where(climbing & in_vain, self.failed_climbs + 1, rested)
-        waited = np.where(climbing, 0, self.waited + 1)
-        return replace(self, failed_climbs=failed.astype(np.int32), waited=waited.astype(np.int32))
 
     def excess(self, area: np.ndarray, largest_usual: float) -> np.ndarray:
         """(run, part) by how much more than usual is uncovered, or than may be usual [m^2]."""

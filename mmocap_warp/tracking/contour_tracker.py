@@ -2,8 +2,8 @@
 
 A frame is fitted from the last pose and from where its motion would lead. Where that overlaps the masks as well as the
 frames before did, and no limb is where nobody is seen, it is the answer. Where not, a ladder of recovery is climbed
-until an answer is good, and the best one is kept. A ladder that was climbed in vain waits for a frame more each time,
-unless the body is lost:
+until an answer is good, and the best one is kept. After a climb in vain the next frame does without, unless the body is
+lost:
 
 1. search: a short search from the last pose, then contours;
 2. scatter: contours from many poses around the best so far, each of which differs in one part of the body; after three
@@ -128,13 +128,11 @@ class ContourTracker:
             answer, evaluations = self._best_fit(starts, observation, _STEPS_FAR), self.search.evaluations
         else:
             answer = self._best_fit(self._usual_starts(), observation, _STEPS)
-            short = climbing = in_vain = self._falls_short(answer)
-            if self.search and short.any():
-                climbing = short & (self._state.has_waited | self._is_lost(answer))
+            climbing = self._falls_short(answer) & (~self._state.climbed_in_vain | self._is_lost(answer))
             if self.search and climbing.any():
                 answer, rescued = self._recovered(self.search, answer, climbing, observation)
-                evaluations, in_vain = self.search.evaluations, self._falls_short(answer)
-            self._state = self._state.climbed(short, climbing, in_vain)
+                evaluations = self.search.evaluations
+            self._state = replace(self._state, climbed_in_vain=climbing & self._falls_short(answer))
 
         # Now and then, and where the ladder led elsewhere, look for limbs that the body does not cover.
         looking = self._state.is_looking(self._look_interval) | rescued

@@ -214,12 +214,12 @@ class BodyDeviations:
         dof = len(rooting.searched)
         views = self._linearise(frames, rooted)
         matrix = views.together.with_prior(self._information)
-        body = np.linalg.inv(matrix)[:, dof:, dof:]
         pose = -np.linalg.solve(matrix[:, :dof, :dof], matrix[:, :dof, dof:])  # (frame, dof, parameter)
+        follows = matrix[:, dof:, dof:] + matrix[:, dof:, :dof] @ pose
+        body = np.linalg.inv(follows)  # of the whole inverse, the body's block
         # What each view asks of the pose alone (frame, dof, view), and of a body that is the same in all frames.
         alone = np.linalg.solve(matrix[:, :dof, :dof], np.swapaxes(views.gradient[..., :dof], 1, 2))
         asked = (views.gradient[..., dof:] + views.gradient[..., :dof] @ pose).mean(axis=0)  # (view, parameter)
-        follows = matrix[:, dof:, dof:] + matrix[:, dof:, :dof] @ pose
         change = np.linalg.solve(follows.mean(axis=0), asked.T)  # (parameter, view)
         # A joint moves with its bones, and with the pose that follows them.
         joint = points.centres_by_rest(rooted, self._change)

@@ -66,11 +66,11 @@ class RootedPoses(FrameArrays):
 
         Before the first and after the last known frame its pose is repeated; where none is known nothing changes.
         """
-        from scipy.spatial.transform import Rotation, Slerp
-
         at = np.flatnonzero(known)
         if len(at) in (0, len(known)):
             return self
+        from scipy.spatial.transform import Rotation, Slerp
+
         frames = np.clip(np.arange(len(known)), at[0], at[-1])
         pose = np.stack([np.interp(frames, at, values) for values in self.pose[at].T], axis=1)
         if len(at) == 1:

@@ -19,20 +19,13 @@ _RAREST_LOOK = 4  # looks for a limb that is not found come so many times as rar
 
 @dataclass(frozen=True, eq=False)
 class Candidates(FrameArrays):
-    """Poses and how well they explain the masks.
+    """Poses and how well they explain the masks."""
 
-    Attributes:
-        pose: (n, coordinate) float32.
-        iou: (n, camera), NaN for a lost view.
-        exposed: (n,) outline deep outside of the masks [m], in the view where it is second longest: one view may be
-            spoilt.
-        cost: (n,) float32.
-    """
-
-    pose: np.ndarray
-    iou: np.ndarray
+    pose: np.ndarray  # (n, coordinate) float32
+    iou: np.ndarray  # (n, camera), NaN for a lost view
+    # (n,) outline deep outside of the masks [m], in the view where it is second longest: one view may be spoilt
     exposed: np.ndarray
-    cost: np.ndarray
+    cost: np.ndarray  # (n,) float32
 
     @property
     def overlap(self) -> np.ndarray:

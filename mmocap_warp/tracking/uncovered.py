@@ -58,15 +58,10 @@ _BLAMED_SHARE = 0.3  # of the area, what is near a part that is in doubt
 
 @dataclass(frozen=True, eq=False)
 class Uncovered:
-    """What one frame's masks show beside a body.
+    """What one frame's masks show beside a body."""
 
-    Attributes:
-        area: (part,) near each part, in the view that decides [m^2].
-        place: (n, 3) where it is, about the middle of what the masks leave open [m].
-    """
-
-    area: np.ndarray
-    place: np.ndarray
+    area: np.ndarray  # (part,) near each part, in the view that decides [m^2]
+    place: np.ndarray  # (n, 3) where it is, about the middle of what the masks leave open [m]
 
 
 def look_interval(rate: float, *, final: bool = False) -> int:

@@ -33,15 +33,10 @@ _NOISE = 0.05  # share of itself that a step may add to a frame's cost
 
 @dataclass(frozen=True)
 class Pass:
-    """Steps under one penalty.
+    """Steps under one penalty."""
 
-    Attributes:
-        acceleration: standard deviation of a point's acceleration, by coordinate [m/s^2].
-        steps: how many are tried at most.
-    """
-
-    acceleration: float
-    steps: int
+    acceleration: float  # standard deviation of a point's acceleration, by coordinate [m/s^2]
+    steps: int  # how many are tried at most
 
 
 def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
@@ -51,17 +46,11 @@ def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
 
 @dataclass(frozen=True, eq=False)
 class SolvedWindow:
-    """Consecutive frames that were solved together.
+    """Consecutive frames that were solved together."""
 
-    Attributes:
-        rooted: their poses.
-        contour: what the contours say around these.
-        final: how many of them are final, from the first.
-    """
-
-    rooted: RootedPoses
-    contour: NormalEquations
-    final: int
+    rooted: RootedPoses  # their poses
+    contour: NormalEquations  # what the contours say around these
+    final: int  # how many of them are final, from the first
 
 
 @dataclass(frozen=True, eq=False)

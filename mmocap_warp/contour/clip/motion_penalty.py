@@ -25,17 +25,11 @@ HELD = 2 + len(AROUND) // 2
 
 @dataclass(frozen=True, eq=False)
 class MotionCost:
-    """The penalty around the poses of a clip.
+    """The penalty around the poses of a clip."""
 
-    Attributes:
-        cost: (frame,) float64, a frame's share: how it follows from those before it.
-        gradient: (frame, dof) float64, the direction in which the penalty falls; errors keep their weights.
-        band: its matrix.
-    """
-
-    cost: np.ndarray
-    gradient: np.ndarray
-    band: BlockBand
+    cost: np.ndarray  # (frame,) float64, a frame's share: how it follows from those before it
+    gradient: np.ndarray  # (frame, dof) float64, the direction in which the penalty falls; errors keep their weights
+    band: BlockBand  # its matrix
 
     def without_first(self, frames: int) -> MotionCost:
         """Of the later frames alone, with the first ones held where they are."""

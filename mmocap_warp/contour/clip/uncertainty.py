@@ -38,15 +38,11 @@ BODY_INTERVAL = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty(FrameArrays):
-    """Standard deviations of each frame.
+    """Standard deviations of each frame."""
 
-    Attributes:
-        pose: (frame, coordinate) float64 [m, rad], of poses that have left their rooting; zero for what is held.
-        joint: (frame, joint, 3) float64, of the joints' centres along the world's axes [m].
-    """
-
+    # (frame, coordinate) float64 [m, rad], of poses that have left their rooting; zero for what is held
     pose: np.ndarray
-    joint: np.ndarray
+    joint: np.ndarray  # (frame, joint, 3) float64, of the joints' centres along the world's axes [m]
 
 
 JointAxes = Callable[[RootedPoses], np.ndarray]
@@ -129,17 +125,11 @@ def marginal_covariance(
 
 @dataclass(frozen=True, eq=False)
 class BodyChanges:
-    """Ways in which a body may not be quite the right one.
+    """Ways in which a body may not be quite the right one."""
 
-    Attributes:
-        vertex: (parameter, tracking vertex, 3) of the skin in the bind pose by each [m].
-        joint: (parameter, joint, 3) of the joints' centres by each [m].
-        sigma: (parameter,) prior standard deviations.
-    """
-
-    vertex: np.ndarray
-    joint: np.ndarray
-    sigma: np.ndarray
+    vertex: np.ndarray  # (parameter, tracking vertex, 3) of the skin in the bind pose by each [m]
+    joint: np.ndarray  # (parameter, joint, 3) of the joints' centres by each [m]
+    sigma: np.ndarray  # (parameter,) prior standard deviations
 
 
 def body_changes(body: BodyModel) -> BodyChanges:

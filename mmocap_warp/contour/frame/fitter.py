@@ -37,21 +37,13 @@ from mmocap_warp.masks.observation import Observation, assign_cameras, make_view
 
 @dataclass(frozen=True)
 class MatchingConfig:
-    """How an outline is compared with the masks' contours; lengths are at a body as large as a person.
+    """How an outline is compared with the masks' contours; lengths are at a body as large as a person."""
 
-    Attributes:
-        reach: how far along its normal a contour is looked for [m].
-        huber: residuals above count linearly [m].
-        sigma: standard deviation of a residual [m].
-        apart: outline that errs as one [px].
-        deep: outline that is farther outside of the mask is counted as exposed [m].
-    """
-
-    reach: float = 0.090
-    huber: float = 0.012
-    sigma: float = 0.012
-    apart: float = 4.0
-    deep: float = 0.04
+    reach: float = 0.090  # how far along its normal a contour is looked for [m]
+    huber: float = 0.012  # residuals above count linearly [m]
+    sigma: float = 0.012  # standard deviation of a residual [m]
+    apart: float = 4.0  # outline that errs as one [px]
+    deep: float = 0.04  # outline that is farther outside of the mask is counted as exposed [m]
 
     def for_size(self, share: float) -> MatchingConfig:
         """That of a body of so much of a person's size; cameras are as much nearer to it."""

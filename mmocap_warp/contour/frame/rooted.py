@@ -42,15 +42,10 @@ class FrameArrays:
 
 @dataclass(frozen=True, eq=False)
 class RootedPoses(FrameArrays):
-    """Poses with a root base for every frame.
+    """Poses with a root base for every frame."""
 
-    Attributes:
-        base: (frame, 3, 3) float64, world from body axes at zero root rotation.
-        pose: (frame, coordinate) float64 [m, rad]; the root's angles count from the frame's base.
-    """
-
-    base: np.ndarray
-    pose: np.ndarray
+    base: np.ndarray  # (frame, 3, 3) float64, world from body axes at zero root rotation
+    pose: np.ndarray  # (frame, coordinate) float64 [m, rad]; the root's angles count from the frame's base
 
     def __len__(self) -> int:
         return len(self.pose)

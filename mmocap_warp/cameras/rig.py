@@ -159,21 +159,13 @@ def project(rig: CameraRig, points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CameraSummary:
-    """What a person can check against the room.
+    """What a person can check against the room."""
 
-    Attributes:
-        name: the camera.
-        centre: (3,) optical centre [m].
-        height: of the centre above the world's zero along the up axis [m].
-        nearest: distance to the nearest other camera [m]; infinite for a lone camera.
-        field_of_view: horizontal and vertical [degrees]; of a fisheye that of its pinhole.
-    """
-
-    name: str
-    centre: np.ndarray
-    height: float
-    nearest: float
-    field_of_view: tuple[float, float]
+    name: str  # the camera
+    centre: np.ndarray  # (3,) optical centre [m]
+    height: float  # of the centre above the world's zero along the up axis [m]
+    nearest: float  # distance to the nearest other camera [m]; infinite for a lone camera
+    field_of_view: tuple[float, float]  # horizontal and vertical [degrees]; of a fisheye that of its pinhole
 
 
 def describe_rig(rig: CameraRig) -> list[CameraSummary]:

@@ -32,27 +32,16 @@ from mmocap_warp.scene.scene_toml import load_scene
 
 @dataclass(frozen=True)
 class WrittenMasks:
-    """Masks that were written, as a scene of their own.
+    """Masks that were written, as a scene of their own."""
 
-    Attributes:
-        source: the file of the scene that they were made of.
-        scene: their own scene's file.
-        overlay: the video of the masks over the images.
-        frames: how many frames have masks.
-        report: what the masks show, and what is wrong with them.
-        remedy: what to do where something is wrong; None where nothing is.
-        consistency: what was changed so that the views agree; None where nothing was to be.
-        recording: the scene that they were made of.
-    """
-
-    source: Path
-    scene: Path
-    overlay: Path
-    frames: int
-    report: MaskReport
-    remedy: str | None
-    consistency: Consistency | None
-    recording: Scene = field(repr=False)
+    source: Path  # the file of the scene that they were made of
+    scene: Path  # their own scene's file
+    overlay: Path  # the video of the masks over the images
+    frames: int  # how many frames have masks
+    report: MaskReport  # what the masks show, and what is wrong with them
+    remedy: str | None  # what to do where something is wrong; None where nothing is
+    consistency: Consistency | None  # what was changed so that the views agree; None where nothing was to be
+    recording: Scene = field(repr=False)  # the scene that they were made of
 
 
 @releases_locks

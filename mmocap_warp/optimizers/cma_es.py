@@ -18,15 +18,10 @@ from mmocap_warp.optimizers.search import Optimizer
 
 @dataclass(frozen=True)
 class CmaEsConfig:
-    """Settings of CMA-ES; the defaults are Table 2.
+    """Settings of CMA-ES; the defaults are Table 2."""
 
-    Attributes:
-        population: lambda, offspring a generation; None is ``4 + floor(3 ln D)``.
-        sigma: initial step size, in units of the search's radius.
-    """
-
-    population: int | None = None
-    sigma: float = 1.0
+    population: int | None = None  # lambda, offspring a generation; None is ``4 + floor(3 ln D)``
+    sigma: float = 1.0  # initial step size, in units of the search's radius
 
     def __post_init__(self) -> None:
         if self.population is not None and self.population < 2:

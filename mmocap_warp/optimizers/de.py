@@ -22,24 +22,15 @@ class DeConfig:
 
     A role's set is what the sizes say less the members that Fig. 5 excludes; one that is left empty, as may be with
     few members, is used whole.
-
-    Attributes:
-        population: N, members.
-        placing: N_P, how many of the best a donor may be placed at.
-        leading: N_L, how many of the best it may be led to.
-        correcting: N_C, how many of the worst it may be led away from.
-        crossover: CR in [0, 1], chance of a coordinate to come from the donor; one always does.
-        factor: F in (0, 2], scale of the step from the placing member.
-        include_start: evaluate the start as one of the first population; otherwise all of it is random.
     """
 
-    population: int = 10
-    placing: int = 5
-    leading: int = 5
-    correcting: int = 5
-    crossover: float = 0.9
-    factor: float = 0.5
-    include_start: bool = True
+    population: int = 10  # N, members
+    placing: int = 5  # N_P, how many of the best a donor may be placed at
+    leading: int = 5  # N_L, how many of the best it may be led to
+    correcting: int = 5  # N_C, how many of the worst it may be led away from
+    crossover: float = 0.9  # CR in [0, 1], chance of a coordinate to come from the donor; one always does
+    factor: float = 0.5  # F in (0, 2], scale of the step from the placing member
+    include_start: bool = True  # evaluate the start as one of the first population; otherwise all of it is random
 
     def __post_init__(self) -> None:
         if self.population < 2:

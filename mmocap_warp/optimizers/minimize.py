@@ -15,17 +15,11 @@ from mmocap_warp.optimizers.search import BatchedCost, Optimizer, Search
 
 @dataclass(frozen=True)
 class Minimum:
-    """The answers of a batch of runs.
+    """The answers of a batch of runs."""
 
-    Attributes:
-        x: (run, coordinate) float32.
-        cost: (run,) float32.
-        evaluations: spent by each run, at most the budget.
-    """
-
-    x: np.ndarray
-    cost: np.ndarray
-    evaluations: int
+    x: np.ndarray  # (run, coordinate) float32
+    cost: np.ndarray  # (run,) float32
+    evaluations: int  # spent by each run, at most the budget
 
 
 def minimize(

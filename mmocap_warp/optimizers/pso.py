@@ -19,23 +19,14 @@ from mmocap_warp.optimizers.search import Optimizer
 
 @dataclass(frozen=True)
 class PsoConfig:
-    """Settings of PSO; the defaults are Table 3.
+    """Settings of PSO; the defaults are Table 3."""
 
-    Attributes:
-        population: N, particles of the swarm.
-        phi_1: greatest pull of a particle's own best position.
-        phi_2: greatest pull of the swarm's best position.
-        inertia_max: omega_max, the weight of the old velocity in the first move.
-        inertia_min: omega_min, the weight in the last move.
-        velocity_limit: greatest speed v_max in every dimension, in units of the search's radius.
-    """
-
-    population: int = 10
-    phi_1: float = 2.0
-    phi_2: float = 2.0
-    inertia_max: float = 2.0
-    inertia_min: float = 0.1
-    velocity_limit: float = 0.5
+    population: int = 10  # N, particles of the swarm
+    phi_1: float = 2.0  # greatest pull of a particle's own best position
+    phi_2: float = 2.0  # greatest pull of the swarm's best position
+    inertia_max: float = 2.0  # omega_max, the weight of the old velocity in the first move
+    inertia_min: float = 0.1  # omega_min, the weight in the last move
+    velocity_limit: float = 0.5  # greatest speed v_max in every dimension, in units of the search's radius
 
     def __post_init__(self) -> None:
         if self.population < 1:

@@ -20,28 +20,21 @@ _DECIMALS = 6
 class Truth:
     """Where markers and joints really were, in the world of the cameras.
 
-    Attributes:
-        fps: frames per second of the recording.
-        frame_numbers: (frame,) int, the recording's own frame numbers, ascending; frames without truth may be absent.
-        marker_names: one per marker on the skin; may be empty.
-        markers: (frame, marker, 3) float64 [m], NaN where a marker is unseen.
-        joint_names: one per joint, named as the body's where they mean the same; may be empty.
-        joints: (frame, joint, 3) float64 [m], NaN where a joint is unknown.
-        pose: (frame, coordinate) float64, poses of the body that made the recording, where one did; ``joint_names``
-            then begins with that body's joints.
-        root_base: (3, 3) float64, world from that body's axes at zero root rotation; None where it is unknown.
-
     Raises:
         ValueError: arrays whose lengths disagree, frame numbers that do not ascend.
     """
 
-    fps: float
+    fps: float  # frames per second of the recording
+    # (frame,) int, the recording's own frame numbers, ascending; frames without truth may be absent
     frame_numbers: np.ndarray
-    marker_names: tuple[str, ...]
-    markers: np.ndarray
-    joint_names: tuple[str, ...]
-    joints: np.ndarray
+    marker_names: tuple[str, ...]  # one per marker on the skin; may be empty
+    markers: np.ndarray  # (frame, marker, 3) float64 [m], NaN where a marker is unseen
+    joint_names: tuple[str, ...]  # one per joint, named as the body's where they mean the same; may be empty
+    joints: np.ndarray  # (frame, joint, 3) float64 [m], NaN where a joint is unknown
+    # (frame, coordinate) float64, poses of the body that made the recording, where one did; ``joint_names`` then
+    # begins with that body's joints
     pose: np.ndarray | None = None
+    # (3, 3) float64, world from that body's axes at zero root rotation; None where it is unknown
     root_base: np.ndarray | None = None
 
     def __post_init__(self) -> None:

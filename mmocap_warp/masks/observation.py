@@ -52,16 +52,32 @@ class Observation:
         words: (camera, row, word) uint32, see :func:`pack_masks`.
         foreground: (camera,) int, foreground pixels; 0 means that the view is lost.
         late: (camera,) float64, by how much later than the frame each mask was taken [s]; None where all are in time.
+        hidden: (camera, row, word) uint32, pixels that show what may be in front of the subject, none of them
+            foreground; None where nothing is.
     """
 
     words: np.ndarray
     foreground: np.ndarray
     late: np.ndarray | None = None
+    hidden: np.ndarray | None = None
 
     @classmethod
-    def from_masks(cls, masks: list[np.ndarray], late: np.ndarray | None = None) -> Observation:
-        """Pack one (height, width) boolean mask per camera."""
-        return cls(pack_masks(masks), np.array([int(mask.sum()) for mask in masks], np.int64), late)
+    def from_masks(
+        cls, masks: list[np.ndarray], late: np.ndarray | None = None, hidden: list[np.ndarray] | None = None
+    ) -> Observation:
+        """Pack one (height, width) boolean mask per camera, and of ``hidden`` what is no foreground."""
+        words = pack_masks(masks)
+        covered = None if hidden is None else pack_masks(hidden) & ~words
+        return cls(words, np.array([int(mask.sum()) for mask in masks], np.int64), late, covered)
+
+    @property
+    def possible(self) -> np.ndarray:
+        """(camera, row, word) uint32, where the subject may be: its masks, and what may be in front of it."""
+        return self.words if self.hidden is None else self.words | self.hidden
+
+    def unpacked_hidden(self, sizes: np.ndarray) -> list[np.ndarray] | None:
+        """``hidden`` as :func:`unpack_masks` gives masks."""
+        return None if self.hidden is None else unpack_masks(self.hidden, sizes)
 
     def without(self, views: np.ndarray) -> Observation:
         """The same with nobody in some views (camera,) bool."""
@@ -82,7 +98,7 @@ def make_views(rig: CameraRig, device: str) -> Any:
     if 8 * words >= WORDS:
         raise ValueError(f"images must be narrower than {4 * WORDS} px, got {rig.size[:, 0].max()}")
     cameras = {"rotation": rig.R, "translation": rig.t, "lens": _lens(rig), "size": rig.size.astype(np.int32)}
-    return allocated(Views, device, **cameras, observed=(len(rig), rows, words), foreground=len(rig))
+    return allocated(Views, device, **cameras, observed=(len(rig), rows, words), foreground=len(rig), hidden=(0, 0, 0))
 
 
 def assign_cameras(views: Any, rig: CameraRig) -> None:
@@ -124,7 +140,8 @@ class KeptObservations:
         if self._full:
             return
         try:
-            length = self._file.write(zlib.compress(observation.words.tobytes(), _LEVEL))
+            hidden = b"" if observation.hidden is None else observation.hidden.tobytes()
+            length = self._file.write(zlib.compress(observation.words.tobytes() + hidden, _LEVEL))
             self._file.flush()  # else a full disk is noticed too late to read the masks again
         except OSError:  # no room
             self._frames.clear()
@@ -133,7 +150,8 @@ class KeptObservations:
                 self._file.close()
             return
         empty = np.broadcast_to(np.uint32(0), observation.words.shape)  # its shape, and no memory
-        self._frames.append((length, replace(observation, words=empty)))
+        hides = None if observation.hidden is None else empty
+        self._frames.append((length, replace(observation, words=empty, hidden=hides)))
 
     def through(self, observations: Iterable[Observation]) -> Iterator[Observation]:
         """Give observations on, each put aside before."""
@@ -148,8 +166,8 @@ class KeptObservations:
         """The frames, each with the bits it was added with. One iteration at a time."""
         self._file.seek(0)
         for length, frame in self._frames:
-            words = np.frombuffer(zlib.decompress(self._file.read(length)), "<u4")
-            yield replace(frame, words=words.reshape(frame.words.shape))
+            words = np.frombuffer(zlib.decompress(self._file.read(length)), "<u4").reshape(-1, *frame.words.shape)
+            yield replace(frame, words=words[0], hidden=None if frame.hidden is None else words[1])
 
 
 def read_ahead(observations: Iterable[Observation]) -> Iterator[Observation]:

@@ -1,7 +1,8 @@
 """What makes a recording harder: fewer cameras, fewer frames, a wrong calibration, bystanders, parts cut away.
 
 Each takes a clip as a tracker is given it and gives it back made worse; the masks are changed as they are asked for.
-They are named as in ``views=3``; several are joined by ``+``.
+They are named as in ``views=3``; several are joined by ``+``. With ``labelled``, who or what gets in the way is labelled
+as a thing, as label images have it: it is no foreground, but may hide the subject.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.study.source import OpenClip
-from mmocap_warp.synthesis.bystanders import PasserBy, furniture
+from mmocap_warp.synthesis.bystanders import PasserBy, furniture, furniture_place
 
 NONE = "none"
 """The recording as it is."""
@@ -32,10 +33,14 @@ def fewer_views(clip: OpenClip, count: int) -> OpenClip:
     """The ``count`` cameras whose directions of view differ most; opposite directions count as alike."""
     rig = clip.rig
     chosen = most_different_views(rig, count)
-    observations = (
-        Observation.from_masks([masks[k] for k in chosen], None if late is None else late[list(chosen)])
-        for masks, late in ((unpack_masks(seen.words, rig.size), seen.late) for seen in clip.observations)
-    )
+
+    def of_chosen(seen: Observation) -> Observation:
+        masks, hidden = unpack_masks(seen.words, rig.size), seen.unpacked_hidden(rig.size)
+        late = None if seen.late is None else seen.late[list(chosen)]
+        in_front = None if hidden is None else [hidden[k] for k in chosen]
+        return Observation.from_masks([masks[k] for k in chosen], late, in_front)
+
+    observations = map(of_chosen, clip.observations)
     return replace(clip, rig=rig.select(tuple(rig.names[k] for k in chosen)), observations=observations)
 
 
@@ -91,19 +96,21 @@ def wrong_calibration(clip: OpenClip, pixels: float, seed: int) -> OpenClip:
     return replace(clip, rig=replace(clip.rig, K=K))
 
 
-def passed_by(clip: OpenClip) -> OpenClip:
+def passed_by(clip: OpenClip, labelled: bool = False) -> OpenClip:
     """Another person walks by, nearest in the middle of the clip, and is taken for foreground."""
     other = PasserBy(clip.rig, *_clear_circle(clip))
-    return _with_others(clip, lambda frame: other.silhouettes((frame - clip.frames / 2) / clip.fps))
+    times = (np.arange(clip.frames) - clip.frames / 2) / clip.fps
+    return _with_others(clip, lambda frame: other.silhouettes(times[frame]), lambda f: other.place(times[f]), labelled)
 
 
-def furnished(clip: OpenClip) -> OpenClip:
+def furnished(clip: OpenClip, labelled: bool = False) -> OpenClip:
     """A chest stands there that the background was taken without: it is foreground in every frame."""
-    chest = furniture(clip.rig, *_clear_circle(clip))
-    return _with_others(clip, lambda _: chest)
+    circle = _clear_circle(clip)
+    chest, place = furniture(clip.rig, *circle), furniture_place(clip.rig, *circle)
+    return _with_others(clip, lambda _: chest, lambda _: place, labelled)
 
 
-def cut_out(clip: OpenClip, views: int) -> OpenClip:
+def cut_out(clip: OpenClip, views: int, labelled: bool = False) -> OpenClip:
     """For half a second in the middle, a block about the person's middle is missing in the first ``views`` views.
 
     It stays where it is, and is half as wide and as high as the person stands when it begins.
@@ -112,9 +119,10 @@ def cut_out(clip: OpenClip, views: int) -> OpenClip:
     first, last = clip.frames // 2 - half, clip.frames // 2 + half
     blocks: dict[int, tuple[slice, slice]] = {}
 
-    def cut(frame: int, masks: Masks) -> Masks:
+    def cut(frame: int, masks: Masks) -> tuple[Masks, Masks | None]:
         if not first <= frame < last:
-            return masks
+            return masks, None
+        hidden = [np.zeros_like(mask) for mask in masks] if labelled else None
         for k, mask in enumerate(masks[:views]):
             if k not in blocks and mask.any():
                 rows, columns = np.nonzero(mask)
@@ -123,21 +131,27 @@ def cut_out(clip: OpenClip, views: int) -> OpenClip:
                 blocks[k] = np.s_[max(row - reach, 0) : row + reach, max(column - reach, 0) : column + reach]
             if k in blocks:
                 mask[blocks[k]] = False
-        return masks
+                if hidden is not None:
+                    hidden[k][blocks[k]] = True
+        return masks, hidden
 
     return _with_masks(clip, cut)
 
 
-Step = Callable[[OpenClip, float, int], OpenClip]
-"""From a clip, an amount and a seed."""
+Step = Callable[[OpenClip, float, int, bool], OpenClip]
+"""From a clip, an amount, a seed, and whether what is in the way is labelled."""
 
 _STEPS: dict[str, tuple[Step, str]] = {  # in the order in which they are done, with what stands for the amount
-    "passer-by": (lambda clip, amount, seed: passed_by(clip), ""),
-    "furniture": (lambda clip, amount, seed: furnished(clip), ""),
-    "fps": (lambda clip, amount, seed: fewer_frames(clip, amount), "RATE"),
-    "views": (lambda clip, amount, seed: fewer_views(clip, round(amount)), "COUNT"),
-    "cut": (lambda clip, amount, seed: cut_out(clip, min(round(min(amount, 1e6)), len(clip.rig))), "VIEWS"),
-    "calibration": (lambda clip, amount, seed: wrong_calibration(clip, amount, seed), "PIXELS"),
+    "passer-by": (lambda clip, amount, seed, labelled: passed_by(clip, labelled), ""),
+    "furniture": (lambda clip, amount, seed, labelled: furnished(clip, labelled), ""),
+    "fps": (lambda clip, amount, seed, labelled: fewer_frames(clip, amount), "RATE"),
+    "views": (lambda clip, amount, seed, labelled: fewer_views(clip, round(amount)), "COUNT"),
+    "cut": (
+        lambda clip, amount, seed, labelled: cut_out(clip, min(round(min(amount, 1e6)), len(clip.rig)), labelled),
+        "VIEWS",
+    ),
+    "calibration": (lambda clip, amount, seed, labelled: wrong_calibration(clip, amount, seed), "PIXELS"),
+    "labelled": (lambda clip, amount, seed, labelled: clip, ""),
 }
 
 FORMS: tuple[str, ...] = tuple(f"{name}={amount}" if amount else name for name, (_, amount) in _STEPS.items())
@@ -182,36 +196,56 @@ def degraded(clip: OpenClip, text: str, seed: int) -> OpenClip:
     amounts = parse(text)
     for name, (step, _) in _STEPS.items():
         if name in amounts:
-            clip = step(clip, amounts[name], seed)
+            clip = step(clip, amounts[name], seed, "labelled" in amounts)
     return clip
 
 
-def _with_masks(clip: OpenClip, change: Callable[[int, Masks], Masks]) -> OpenClip:
-    """The clip whose masks are changed, frame by frame; what is changed may be the masks given."""
+def _with_masks(clip: OpenClip, change: Callable[[int, Masks], tuple[Masks, Masks | None]]) -> OpenClip:
+    """The clip whose masks are changed, frame by frame; what is changed may be the masks given.
+
+    ``change`` gives masks, and what else may be in front of the person.
+    """
 
     def changed(observations: Iterator[Observation]) -> Iterator[Observation]:
         for frame, seen in enumerate(observations):
-            yield Observation.from_masks(change(frame, unpack_masks(seen.words, clip.rig.size)), seen.late)
+            masks, added = change(frame, unpack_masks(seen.words, clip.rig.size))
+            hidden = seen.unpacked_hidden(clip.rig.size)
+            if added is not None and hidden is not None:
+                added = [one | other for one, other in zip(added, hidden, strict=True)]
+            yield Observation.from_masks(masks, seen.late, hidden if added is None else added)
 
     return replace(clip, observations=changed(clip.observations))
 
 
-def _with_others(clip: OpenClip, others: Callable[[int], Masks]) -> OpenClip:
-    """The clip in whose frames others are foreground, too."""
+def _with_others(
+    clip: OpenClip, others: Callable[[int], Masks], place: Callable[[int], np.ndarray], labelled: bool
+) -> OpenClip:
+    """The clip in whose frames others, who are in a place (3,) [m], are foreground, too, or labelled as things."""
+    root, ahead = _roots(clip), clip.rig.R[:, 2]
 
-    def joined(frame: int, masks: Masks) -> Masks:
-        return [mask | other for mask, other in zip(masks, others(frame), strict=True)]
+    def joined(frame: int, masks: Masks) -> tuple[Masks, Masks | None]:
+        if not labelled:
+            return [mask | other for mask, other in zip(masks, others(frame), strict=True)], None
+        # A pixel that shows both has the label of who is nearer.
+        nearer = ahead @ (place(frame) - root[min(frame, len(root) - 1)]) < 0
+        views = zip(masks, others(frame), nearer, strict=True)
+        own = [mask & ~(other & in_front) for mask, other, in_front in views]
+        return own, others(frame)
 
     return _with_masks(clip, joined)
 
 
-def _clear_circle(clip: OpenClip) -> tuple[np.ndarray, float]:
-    """The middle (3,) of the floor that is walked over, and the radius that bystanders keep from it [m]."""
-    root = clip.subject.pose[None, :3]
+def _roots(clip: OpenClip) -> np.ndarray:
+    """(frame, 3) where the person is [m], of the first frame alone where no more is known."""
     joint = clip.subject.body.skeleton.joints[0]
     if clip.truth is not None and joint in clip.truth.joint_names:
-        root = clip.truth.joints[:, clip.truth.joint_names.index(joint)]
-    up = clip.rig.up_vector
+        return clip.truth.joints[:, clip.truth.joint_names.index(joint)]
+    return clip.subject.pose[None, :3]
+
+
+def _clear_circle(clip: OpenClip) -> tuple[np.ndarray, float]:
+    """The middle (3,) of the floor that is walked over, and the radius that bystanders keep from it [m]."""
+    root, up = _roots(clip), clip.rig.up_vector
     floor = root - np.outer(root @ up, up)
     middle = (np.nanmin(floor, axis=0) + np.nanmax(floor, axis=0)) / 2
     return middle, float(np.nanmax(np.linalg.norm(floor - middle, axis=1))) + _APART

@@ -262,7 +262,7 @@ class ContourTracker:
         if fitter.late:
             fitter.follow(np.repeat(self._state.pose, count, axis=0), home, self._fps)
         fitter.start_at(starts.reshape(total, coordinates), home, np.zeros(total, int))
-        kind = (total, steps, fitter.fields.struct.value.ptr, fitter.follows)
+        kind = (total, steps, fitter.fields.addresses, self._judge.addresses, fitter.follows)
         self._replays.run(kind, lambda: self._launch_fit(total, steps))
         pose, tally, cost, pixels = self._answers.read(total)
         # Of the lengths of exposed outline in the views, the second longest.

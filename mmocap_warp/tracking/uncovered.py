@@ -158,11 +158,12 @@ class UncoveredArea:
         # Points that too many views disagree with are looked at no further.
         needed = max(2, len(others) - (len(others) >= _LEAST_VIEWS))
         left, disagree = np.arange(len(points)), np.zeros(len(points), int)
+        possible = observation.possible
         for j in others:
             width, height = self._rig.size[j]
             column, row = np.nan_to_num(np.rint(self._projected(points[left], j)), nan=-1.0).clip(-1, 1e6).astype(int).T
             within = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-            word = observation.words[j, np.where(within, row, 0), np.where(within, column, 0) // 32]
+            word = possible[j, np.where(within, row, 0), np.where(within, column, 0) // 32]
             disagree[left] += within & ~(word >> (column % 32).astype(np.uint32) & 1).astype(bool)
             left = left[disagree[left] <= len(others) - needed]
         hit = (disagree <= len(others) - needed).reshape(len(rays), -1)

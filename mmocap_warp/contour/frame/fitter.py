@@ -270,8 +270,8 @@ class ContourFitter:
         poses, with their ``cost`` and ``tally``. On a GPU nothing waits for them, and the second descent of a kind is
         captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
         """
-        value = self.fields.struct.value  # a graph holds its address, which changes when more room is made
-        self._replays.run((count, steps, value.ptr, self.follows), lambda: self._run(count, steps))
+        kind = (count, steps, self.fields.addresses, self.follows)
+        self._replays.run(kind, lambda: self._run(count, steps))
 
     def descended(
         self, place: np.ndarray, starts: RootedPoses, neighbours: Neighbours, steps: int

@@ -97,7 +97,9 @@ def _end_of_mask(fields: Fields, start: int, box: wp.vec4i, middle: wp.vec2, nor
 
 
 @wp.func
-def _is_behind(fields: Fields, frame: int, k: int, size: wp.vec2i, middle: wp.vec2, normal: wp.vec2, way: float) -> bool:
+def _is_behind(
+    fields: Fields, frame: int, k: int, size: wp.vec2i, middle: wp.vec2, normal: wp.vec2, way: float
+) -> bool:
     """Whether something is in front of an outline's middle, or of its way outward of so many pixels."""
     step = int(0)
     while float(step) <= way:

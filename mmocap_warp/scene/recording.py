@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from math import ceil
 from pathlib import Path
 from typing import Any, Literal
@@ -61,6 +62,8 @@ class CameraSource:
         recorded_scale, recorded_offset: recorded pixel = scale * calibrated pixel + offset.
         centre_shift: what the scene added to the calibrated principal point [px].
         mask_mark: of masks that are undistorted already; None for masks in the recorded pixels.
+        label: in its masks, of the person who is tracked; 0 for the scene's [foreground] identity.
+        in_front: labels of what may be in front of that person.
         fraction: what its offset is beyond ``frame_offset`` [its frames], at most half a frame to either side.
     """
 
@@ -76,6 +79,8 @@ class CameraSource:
     mask_mark: MaskMark | None = None
     rate: float = 1.0
     fraction: float = 0.0
+    label: int = 0
+    in_front: tuple[int, ...] = ()
 
     def mask_number(self, frame: int) -> int:
         """Which of its masks is the recording's frame; -1 for none."""
@@ -124,6 +129,23 @@ class CameraSource:
 
 
 @dataclass(frozen=True)
+class Person:
+    """One of several people in a scene.
+
+    Attributes:
+        labels: in each camera's masks, in the rig's order.
+        subject: a fitted subject, or None.
+        body: a body file, or the name of a shipped body, or None for the scene's.
+        truth: reference joints or a result to compare with, or None.
+    """
+
+    labels: tuple[int, ...]
+    subject: Path | None = None
+    body: str | Path | None = None
+    truth: Path | None = None
+
+
+@dataclass(frozen=True)
 class Scene:
     """A recording, or the part of it that is to be tracked. A camera whose shifted frame does not exist is lost there.
 
@@ -149,6 +171,8 @@ class Scene:
         units: of its lengths, as the scene says; None where it does not.
         named_frames: the frames that the scene file names, whose subtracted masks are kept; None for ``frames``.
         attached: what the body carries.
+        people: who is labelled in the masks, by name; empty where the scene has no such table.
+        person: the name of the one of them who is tracked; empty where none is chosen.
     """
 
     path: Path
@@ -170,6 +194,8 @@ class Scene:
     units: str | None = None
     named_frames: range | None = None
     attached: tuple[Attachment, ...] = ()
+    people: dict[str, Person] = field(default_factory=dict)
+    person: str = ""
 
     def __repr__(self) -> str:
         names = ", ".join(self.calibrated.names)
@@ -204,6 +230,20 @@ class Scene:
             frames, fraction = split_offset(offsets[source.name] * self.fps * source.rate)
             cameras.append(replace(source, frame_offset=frames, fraction=fraction))
         return replace(self, calibrated=rig, cameras=tuple(cameras))
+
+    def of_person(self, name: str) -> Scene:
+        """The same recording as one of its people is tracked in it: all others may be in front.
+
+        Raises:
+            KeyError: there is nobody of that name.
+        """
+        chosen, others = self.people[name], [each for key, each in self.people.items() if key != name]
+        cameras = []
+        for k, source in enumerate(self.cameras):
+            hides = {*source.in_front, *(other.labels[k] for other in others)} - {chosen.labels[k]}
+            cameras.append(replace(source, label=chosen.labels[k], in_front=tuple(sorted(hides))))
+        own = {"subject": chosen.subject, "body": chosen.body or self.body, "truth": chosen.truth}
+        return replace(self, cameras=tuple(cameras), person=name, **own)
 
     @property
     def _named_frames(self) -> range:
@@ -257,14 +297,27 @@ class Scene:
             ValueError: frames that the scene does not have.
             InputError: images that turn out unreadable.
         """
-        yield from self.observed(self.masks(scale, first, count, body), first)
+        yield from self.observed(self.masks(scale, first, count, body), scale, first)
 
-    def observed(self, masks: Iterable[list[np.ndarray]], first: int = 0) -> Iterator[Observation]:
-        """Masks of consecutive frames from ``first`` on, with the times at which they were taken."""
-        for place, views in enumerate(masks, first):
+    def observed(self, masks: Iterable[list[np.ndarray]], scale: float, first: int = 0) -> Iterator[Observation]:
+        """Masks of consecutive frames from ``first`` on, with the times at which they were taken and what hides them.
+
+        ``scale`` is that of the masks.
+        """
+        hidden = self._hidden(scale, first) if any(source.in_front for source in self.cameras) else repeat(None)
+        for place, (views, in_front) in enumerate(zip(masks, hidden, strict=False), first):
             frame = self.frames[place : place + 1]
             late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps  # (camera,) [s]
-            yield Observation.from_masks(views, late if late.any() else None)
+            yield Observation.from_masks(views, late if late.any() else None, in_front)
+
+    def _hidden(self, scale: float, first: int) -> Iterator[list[np.ndarray]]:
+        """Per camera (height, width) bool, what may be in front of the person, of all frames from ``first`` on."""
+        frames = self._numbers(first, None)
+        streams = [self._labelled(k, scale, frames, source.in_front) for k, source in enumerate(self.cameras)]
+        sizes = self.rig(scale).size
+        for views in zip(*streams, strict=True):
+            empty = (np.zeros((height, width), bool) for width, height in sizes)
+            yield [nothing if view is None else view for view, nothing in zip(views, empty, strict=True)]
 
     def masks(
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
@@ -295,15 +348,23 @@ class Scene:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
         source = self.cameras[k]
         if self.foreground.source == "masks":
-            mark = source.mask_mark
-            resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
-            identity, soft = self.foreground.identity, source.masks is not None and source.masks.soft
-            for image in frames_by_number(source.masks, map(source.mask_number, frames)):
-                yield None if image is None else resample.mask(decode_mask(image, identity, soft))
+            yield from self._labelled(k, scale, frames, (source.label or self.foreground.identity,))
             return
         if self.foreground.source == "program":
             raise InputError(self.path, "its masks are not made yet", "make them with mmocap mask, and track these")
         yield from self._subtracted_once(k, scale, frames)
+
+    def _labelled(self, k: int, scale: float, frames: range, labels: tuple[int, ...]) -> Iterator[np.ndarray | None]:
+        """Where camera ``k``'s given masks show objects of some labels, undistorted; None where it has no frame."""
+        source = self.cameras[k]
+        mark, soft = source.mask_mark, source.masks is not None and source.masks.soft
+        resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
+        for image in frames_by_number(source.masks, map(source.mask_number, frames)):
+            if image is None or not labels:
+                yield None
+                continue
+            shown = [decode_mask(image, label, soft) for label in labels]
+            yield resample.mask(shown[0] if len(shown) == 1 else np.logical_or.reduce(shown))
 
     def _subtracted_once(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s subtracted masks, stored beside the scene once they have been made for all of its frames."""

@@ -1,8 +1,8 @@
 """What makes a recording harder: fewer cameras, fewer frames, a wrong calibration, bystanders, parts cut away.
 
 Each takes a clip as a tracker is given it and gives it back made worse; the masks are changed as they are asked for.
-They are named as in ``views=3``; several are joined by ``+``. With ``labelled``, who or what gets in the way is labelled
-as a thing, as label images have it: it is no foreground, but may hide the subject.
+They are named as in ``views=3``; several are joined by ``+``. With ``labelled``, who or what gets in the way has a
+label of its own, as in label images: it is no foreground, but may hide the subject.
 """
 
 from __future__ import annotations

@@ -56,7 +56,9 @@ class DistanceFields:
     def __init__(self, rig: CameraRig, frames: int, candidates: int, device: str) -> None:
         self._rig, self._device = rig, device
         view = (frames, len(rig))
-        self.struct = allocated(Fields, device, value=1, box=view, start=view, frame=candidates, larger=len(rig), hidden=(0, 0, 0, 0))
+        self.struct = allocated(
+            Fields, device, value=1, box=view, start=view, frame=candidates, larger=len(rig), hidden=(0, 0, 0, 0)
+        )
         self._scratch = block.scratch(device)
         self._workings = allocated(Workings, device, room=0, **dict.fromkeys(_WORKINGS, 0))
         self._allocate(1)

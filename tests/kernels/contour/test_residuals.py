@@ -62,7 +62,9 @@ def rectangle(left: float, top: float, right: float, bottom: float, pieces: int 
 class Planted:
     """Residuals of polygons, one a candidate, a metre from the camera, against masks, one a frame."""
 
-    def __init__(self, polygons: list[np.ndarray], masks: list[np.ndarray], device: str, frames=None, hidden=None, **matching):
+    def __init__(
+        self, polygons: list[np.ndarray], masks: list[np.ndarray], device: str, frames=None, hidden=None, **matching
+    ):
         n, size = len(polygons), max(map(len, polygons))
         rig = flat_rig()
         self.outline = poisoned_outline(n, 1, size, (size, 1, 1), device, bands=1.0)

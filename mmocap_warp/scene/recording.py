@@ -231,6 +231,11 @@ class Scene:
             cameras.append(replace(source, frame_offset=frames, fraction=fraction))
         return replace(self, calibrated=rig, cameras=tuple(cameras))
 
+    @property
+    def labelled(self) -> bool:
+        """Whether its masks say who is tracked."""
+        return any(source.label for source in self.cameras)
+
     def of_person(self, name: str) -> Scene:
         """The same recording as one of its people is tracked in it: all others may be in front.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.masks.observation import unpack_masks
-from mmocap_warp.study.degradations import NONE, degraded
+from mmocap_warp.study.degradations import NONE, degraded, parse
 from mmocap_warp.study.sequences import StudySequence
 from mmocap_warp.study.source import OpenClip, open_sequence
 from mmocap_warp.synthesis.writing import Progress, write_made_scene
@@ -18,6 +18,13 @@ _FOREGROUND = """\
 source = "masks"
 keep = "all"
 """
+
+_LABELS = """
+[labels]
+person = 1
+thing = 2
+"""
+_THING = 2
 
 
 def write_sequence(
@@ -40,17 +47,18 @@ def write_sequence(
         InputError: a folder that cannot be written to.
         ValueError: a degradation that means nothing to this sequence.
     """
+    labelled = "labelled" in parse(degradation)
     worse = degraded(open_sequence(sequence), degradation, seed)
     about = f"{sequence.name} of the study's shipped sequences, made up with known truth."
     if degradation != NONE:
         about += f" Made worse: {degradation}, seed {seed}."
     return write_made_scene(
         Path(folder),
-        _Streamed(worse),
+        _Streamed(worse, labelled),
         worse.truth or sequence.truth,
         name=sequence.name,
         about=about,
-        foreground=_FOREGROUND,
+        foreground=_FOREGROUND + (_LABELS if labelled else ""),
         subject=sequence.subject,
         progress=progress,
     )
@@ -59,13 +67,18 @@ def write_sequence(
 class _Streamed:
     """A clip as footage."""
 
-    def __init__(self, clip: OpenClip) -> None:
-        self._clip = clip
+    def __init__(self, clip: OpenClip, labelled: bool) -> None:
+        self._clip, self._labelled = clip, labelled
         self.fps, self.rig = clip.fps, clip.rig
 
     def __len__(self) -> int:
         return self._clip.frames
 
     def masks(self, frame: int) -> list[np.ndarray]:
-        """Per camera (height, width) bool, of the next frame."""
-        return unpack_masks(next(self._clip.observations).words, self.rig.size)
+        """Per camera (height, width) bool, of the next frame; labels where something may be in front."""
+        seen = next(self._clip.observations)
+        masks, hidden = unpack_masks(seen.words, self.rig.size), seen.unpacked_hidden(self.rig.size)
+        if not self._labelled:
+            return masks
+        hidden = hidden or [np.zeros_like(mask) for mask in masks]
+        return [mask + np.uint8(_THING) * other for mask, other in zip(masks, hidden, strict=True)]

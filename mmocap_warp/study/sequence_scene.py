@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.formats.truth_file import write_truth
+from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.study.degradations import NONE, degraded, parse
 from mmocap_warp.study.sequences import StudySequence
 from mmocap_warp.study.source import OpenClip, open_sequence
+from mmocap_warp.synthesis.footage.together import Together, places, shifted_truth
 from mmocap_warp.synthesis.writing import Progress, write_made_scene
 
 _FOREGROUND = """\
@@ -62,6 +67,35 @@ def write_sequence(
         subject=sequence.subject,
         progress=progress,
     )
+
+
+def write_people(folder: Path, sequences: Sequence[StudySequence], progress: Progress | None = None) -> Path:
+    """Write sequences of one length and of different people as one scene, whose masks are label images.
+
+    People are named as in the sequences' names, and come as near to each other as
+    :data:`~mmocap_warp.synthesis.footage.together.APART`. Each has a subject, which tracking starts from, and a truth.
+
+    Returns:
+        Path of ``scene.toml``.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+    """
+    shifts = places([sequence.recording.poses[:, :2] for sequence in sequences])
+    tables = ""
+    folder.mkdir(parents=True, exist_ok=True)
+    for label, (sequence, shift) in enumerate(zip(sequences, shifts, strict=True), 1):
+        name, pose = sequence.name.split("/")[0], sequence.subject.pose.copy()
+        pose[:2] += shift
+        write_subject(folder / f"{name}.subject.usdc", replace(sequence.subject, pose=pose))
+        write_truth(folder / f"{name}.truth.usdc", shifted_truth(sequence.truth, shift), sequence.rig.up)
+        files = f'subject = "{name}.subject.usdc"\ntruth = "{name}.truth.usdc"'
+        tables += f"\n[people.{name}]\nlabel = {label}\n{files}\n"
+    names = " and ".join(sequence.name for sequence in sequences)
+    about = f"{names} of the study's shipped sequences in one room, made up with known truth."
+    together = Together.of([sequence.recording for sequence in sequences], shifts)
+    foreground = _FOREGROUND + tables
+    return write_made_scene(folder, together, None, name=names, about=about, foreground=foreground, progress=progress)
 
 
 class _Streamed:

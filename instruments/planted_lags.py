@@ -19,7 +19,7 @@ from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronis
 from mmocap_warp.masks.mask_files import MaskImages
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.study.sequence_scene import write_sequence
+from mmocap_warp.study.degradations import write_sequence
 from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS
 
 CHOSEN_ON = ("S1/Walking", "S1/Box", "S1/Spin", "S2/Gestures", "S2/Spin", "S3/Gestures")

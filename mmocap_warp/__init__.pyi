@@ -8,6 +8,7 @@ from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.solution import SolvedCameras
 from mmocap_warp.calibration.sync.synchronise import Synchronisation
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.commands.batch import batch
 from mmocap_warp.commands.boards import calibrate_board, print_board
 from mmocap_warp.commands.bodies import export_body, import_body, learn_body, show_body
 from mmocap_warp.commands.calibrate import (
@@ -47,7 +48,7 @@ from mmocap_warp.version import __version__ as __version__
 __all__ = [
     "BoardCalibration", "BodyModel", "CameraCheck", "CameraRig", "FitConfig", "InputError", "LiveFrame",
     "Refinement", "Reporter", "Result", "Scene", "SolvedCameras", "Subject", "Synchronisation", "TrackConfig",
-    "UnsolvableError", "UsageError", "__version__", "ablate", "benchmark", "calibrate_board", "check_cameras",
+    "UnsolvableError", "UsageError", "__version__", "ablate", "batch", "benchmark", "calibrate_board", "check_cameras",
     "convert_cameras", "demo", "evaluate", "export", "export_body", "fit", "import_body", "import_dataset",
     "import_humaneva", "init", "learn_body", "load_body", "load_result", "load_scene", "load_truth",
     "make_sequences", "mask", "measure", "minimize", "overlay", "print_board", "refine_cameras", "report_study",

@@ -31,7 +31,7 @@ _RECORDING_MODULES: tuple[str, ...] = (
 """Modules that only recordings need. A shipped sequence reads only shipped bodies, and their content counts itself."""
 
 _UNCOUNTED: tuple[str, ...] = (
-    "code_hash", "device.resolve", "errors", "rigging", "scenes", "study.cell", "tracking.body_masks",
+    "code_hash", "device.resolve", "errors", "jobs", "rigging", "scenes", "study.cell", "tracking.body_masks",
     "tracking.checkpoint", "version", "versions", "whole_file",
 )  # fmt: skip
 """Modules that are imported but that no pose, mask or error comes from."""

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.jobs.engine import Advance, Death, EngineLost, Event, Ready, Refusal
+from mmocap_warp.jobs.local_engine import serve_jobs
 from mmocap_warp.study.cell import Cell, CellResult
-from mmocap_warp.study.engines.engine import Death, EngineLost, Event, Ready
-from mmocap_warp.study.engines.local import serve_jobs
-from mmocap_warp.study.job import Advance, Job, Refusal, Worker
+from mmocap_warp.study.job import Job, Worker
 
 PER_FRAME = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe", "iou")
 PER_RUN = ("shake", "growth", "jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
@@ -31,7 +31,7 @@ def serve_and_die_once(mark: Path, connection, device, threads) -> None:
             yield event
 
     Worker.work = working
-    serve_jobs(connection, device, threads)
+    serve_jobs(Worker, connection, device, threads)
 
 
 def serve_and_be_killed(connection, device, threads) -> None:

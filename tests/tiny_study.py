@@ -9,10 +9,10 @@ from pathlib import Path
 from recordings import write_recording
 from study_workers import DirectEngine
 
+from mmocap_warp.jobs.engine import Engine
+from mmocap_warp.jobs.job_run import Status, run_jobs
 from mmocap_warp.study.definition import load_study
-from mmocap_warp.study.engines.engine import Engine
-from mmocap_warp.study.run import Status, run_study
-from mmocap_warp.study.store import Task, plan_tasks
+from mmocap_warp.study.store import CellTask, plan_tasks
 
 FRAMES = 3
 STUDY = """
@@ -50,18 +50,18 @@ def write_study(folder: Path, text: str = STUDY) -> Path:
     return path
 
 
-def tasks_of(study: Path, results: Path) -> list[Task]:
+def tasks_of(study: Path, results: Path) -> list[CellTask]:
     """The cells of a study, for the CPU."""
     results.mkdir(exist_ok=True)
     return plan_tasks(load_study(study), results, "cpu")
 
 
 def run_quietly(
-    tasks: list[Task], engine: Callable[[], Engine] | None = None, notes: list[str] | None = None
+    tasks: list[CellTask], engine: Callable[[], Engine] | None = None, notes: list[str] | None = None
 ) -> Status:
     """Run a study in this process, or on an engine of one's own; what is noted is added to ``notes``."""
     kept = [] if notes is None else notes
-    return run_study(tasks, engine or DirectEngine, lambda status: None, kept.append)
+    return run_jobs(tasks, engine or DirectEngine, lambda status: None, kept.append)
 
 
 def answer_members(path: Path) -> dict[str, bytes]:

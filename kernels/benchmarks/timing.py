@@ -27,19 +27,12 @@ _MOST_CALLS = 200  # of a short work within a sample; each call is a piece of a 
 
 @dataclass(frozen=True)
 class Timing:
-    """How long a work takes.
+    """How long a work takes."""
 
-    Attributes:
-        samples: seconds a call, one for each round. On a GPU a round replays a captured graph.
-        processor: seconds of the processor a call (the median); all threads together.
-        first: seconds of the first call, compiling included where nothing had compiled the kernels before.
-        launched: seconds a call where the host launches every kernel; None on the CPU.
-    """
-
-    samples: tuple[float, ...]
-    processor: float
-    first: float
-    launched: float | None
+    samples: tuple[float, ...]  # seconds a call, one for each round. On a GPU a round replays a captured graph
+    processor: float  # seconds of the processor a call (the median); all threads together
+    first: float  # seconds of the first call, compiling included where nothing had compiled the kernels before
+    launched: float | None  # seconds a call where the host launches every kernel; None on the CPU
 
     @cached_property
     def median(self) -> float:
@@ -123,38 +116,23 @@ def _graph(work: Work, device: str) -> Work:
 
 @dataclass(frozen=True)
 class Check:
-    """Whether an answer is right.
+    """Whether an answer is right."""
 
-    Attributes:
-        what: what was compared, and how far apart it is.
-        ok: whether that is near enough.
-    """
-
-    what: str
-    ok: bool
+    what: str  # what was compared, and how far apart it is
+    ok: bool  # whether that is near enough
 
 
 @dataclass(frozen=True)
 class Case:
-    """A work to time.
+    """A work to time."""
 
-    Attributes:
-        group: the table that it stands in.
-        name: its line.
-        sizes: what the time depends on, such as ``candidates`` or ``renderer``.
-        work: it.
-        check: looks at what the work left behind.
-        evaluations: of the objective in a call; 0 where it evaluates none.
-        captured: whether a graph of it can be captured.
-    """
-
-    group: str
-    name: str
-    sizes: dict[str, Any]
-    work: Work
-    check: Callable[[], Check]
-    evaluations: int = 0
-    captured: bool = True
+    group: str  # the table that it stands in
+    name: str  # its line
+    sizes: dict[str, Any]  # what the time depends on, such as ``candidates`` or ``renderer``
+    work: Work  # it
+    check: Callable[[], Check]  # looks at what the work left behind
+    evaluations: int = 0  # of the objective in a call; 0 where it evaluates none
+    captured: bool = True  # whether a graph of it can be captured
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -38,16 +39,11 @@ def contour_frames(load: Workload, runs: Sequence[int], device: str) -> Iterator
 
 def _cases(load: Workload, runs: int, device: str) -> list[Case]:
     skeleton = load.body.skeleton
-    index = skeleton.searched()
-    fitter = ContourFitter(
-        load.body, load.rig, index, skeleton.coordinate_limits, candidates=runs, frames=runs, device=device
-    )
-    observations = [load.observation] * runs
+    sizes: dict[str, Any] = {"candidates": runs, "frames": runs, "device": device}
+    fitter = ContourFitter(load.body, load.rig, skeleton.searched(), skeleton.coordinate_limits, **sizes)
     start = _start(load, runs)
     base, place = np.tile(np.eye(3), (runs, 1, 1)), np.arange(runs)
-
-    def fields() -> None:
-        fitter.observe_all(observations)
+    fields = partial(fitter.observe_all, [load.observation] * runs)
 
     def steps() -> np.ndarray:
         fitter.start_at(start, base, place)
@@ -65,9 +61,8 @@ def _cases(load: Workload, runs: int, device: str) -> list[Case]:
         far, near = (np.linalg.norm(load.vertices(poses) - seen, axis=2).mean() * 1e3 for poses in (start, frames()))
         return Check(f"{far:.1f} to {near:.1f} mm from what is seen", bool(near <= _NEARER * far))
 
-    sizes = _sizes(load, runs)
-    works = {"fields": fields, f"{_STEPS} steps": steps, "frame": frames}
-    return [Case(CONTOUR, name, sizes, work, check, runs, captured=False) for name, work in works.items()]
+    works: dict[str, Callable[[], object]] = {"fields": fields, f"{_STEPS} steps": steps, "frame": frames}
+    return [Case(CONTOUR, name, _sizes(load, runs), work, check, runs, captured=False) for name, work in works.items()]
 
 
 def _followed(load: Workload, runs: int, device: str) -> Case:

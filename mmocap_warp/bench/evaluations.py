@@ -42,7 +42,7 @@ def stages(load: Workload, candidates: int, device: str) -> Iterator[list[Case]]
     drawn = {renderer: _drawing(load, renderer, posed, device) for renderer in RENDERERS}
     sizes = {"candidates": candidates} | load.sizes
     yield [
-        Case(KERNELS, renderer, sizes, work, partial(_same_counts, drawn, device), candidates)
+        Case(KERNELS, renderer, sizes, work, partial(_same_counts, drawn), candidates)
         for renderer, (work, _count) in drawn.items()
     ]
     yield _freezing(load, posed[:1], device)
@@ -51,62 +51,68 @@ def stages(load: Workload, candidates: int, device: str) -> Iterator[list[Case]]
 
 def _posing(load: Workload, candidates: int, device: str) -> Case:
     mesh, poses = load.body.tracking, load.poses(candidates)
+    vertices = len(mesh.rest)
     body = make_body_arrays(load.body, np.eye(3), mesh, device)
     joints = make_joint_arrays(candidates, len(load.body.joint_rest), device)
-    posed = wp.zeros((candidates, len(mesh.rest)), dtype=wp.vec3, device=device)
+    posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
     pose = wp.array(poses, dtype=wp.float32, device=device)
-    vertex = wp.array(np.arange(len(mesh.rest)), dtype=wp.int32, device=device)
-    batch = batch_of(0, candidates, candidates, device)
-    work = partial(pose_vertices, body, pose, vertex, batch, joints, posed)
+    vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
+    work = partial(pose_vertices, body, pose, vertex, batch_of(0, candidates, candidates, device), joints, posed)
 
     def check() -> Check:
         apart = float(np.abs(posed.numpy() - load.vertices(poses)).max())
         return Check(f"within {apart * 1e6:.1f} µm of the viewers' kernels", apart <= POSED_APART)
 
-    sizes = {"candidates": candidates, "vertices": len(mesh.rest)}
-    return Case(KERNELS, "posing and skinning", sizes, work, check, candidates)
+    return Case(
+        KERNELS, "posing and skinning", {"candidates": candidates, "vertices": vertices}, work, check, candidates
+    )
 
 
 def _drawing(load: Workload, renderer: str, posed: wp.array, device: str) -> tuple[partial, wp.array]:
     """What draws and counts, and where the counts are."""
-    candidates = posed.shape[0]
-    silhouettes = Silhouettes(load.body.tracking, load.rig, candidates, renderer, device)
-    silhouettes.views.observed.assign(load.observation.words)
-    batch = batch_of(0, candidates, candidates, device)
+    silhouettes = _silhouettes(load, posed.shape[0], renderer, device)
+    batch = batch_of(0, posed.shape[0], posed.shape[0], device)
     return partial(silhouettes.draw, posed, silhouettes.whole, batch), silhouettes.canvas.count
 
 
-def _same_counts(drawn: dict[str, tuple[partial, wp.array]], device: str) -> Check:
+def _silhouettes(load: Workload, candidates: int, renderer: str, device: str) -> Silhouettes:
+    silhouettes = Silhouettes(load.body.tracking, load.rig, candidates, renderer, device)
+    silhouettes.views.observed.assign(load.observation.words)
+    return silhouettes
+
+
+def _all_alike(one: np.ndarray, *others: np.ndarray, words: str) -> Check:
+    """Whether counts (candidate, camera, 2) are the same."""
+    apart = sum(int((one != other).any(axis=-1).sum()) for other in others)
+    return Check(f"{apart} of {one.shape[0] * one.shape[1]} counts differ {words}", apart == 0)
+
+
+def _same_counts(drawn: dict[str, tuple[partial, wp.array]]) -> Check:
     for work, count in drawn.values():
         count.zero_()
         work()
-    first, *others = (count.numpy() for _work, count in drawn.values())
-    apart = sum(int((first != other).any(axis=-1).sum()) for other in others)
-    return Check(f"{apart} of {first.shape[0] * first.shape[1]} counts differ between renderers", apart == 0)
+    return _all_alike(*(count.numpy() for _work, count in drawn.values()), words="between renderers")
 
 
 def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
     """Drawing what an arm leaves alone, if anything; the arm over it gives the counts of the whole body."""
-    silhouettes = Silhouettes(load.body.tracking, load.rig, 1, "raster", device)
-    silhouettes.views.observed.assign(load.observation.words)
+    silhouettes = _silhouettes(load, 1, "raster", device)
     part = hierarchical(load.body.skeleton)[_LEFT_ARM]
     pieces = silhouettes.split(load.body.skeleton, part.index)
     if pieces is None:
         return []
     moving, resting = pieces
-    frozen = silhouettes.make_frozen(1)
-    batch, count = batch_of(0, 1, 1, device), silhouettes.canvas.count
+    frozen, batch, count = silhouettes.make_frozen(1), batch_of(0, 1, 1, device), silhouettes.canvas.count
+    freeze = partial(silhouettes.freeze, posed, resting, batch, frozen)
 
     def check() -> Check:
         silhouettes.draw(posed, silhouettes.whole, batch)
         whole = count.numpy().copy()
-        silhouettes.freeze(posed, resting, batch, frozen)
+        freeze()
         silhouettes.draw(posed, moving, batch, frozen)
-        apart = int((whole != count.numpy()).any(axis=-1).sum())
-        return Check(f"{apart} of {whole.shape[1]} counts differ from the whole body's", apart == 0)
+        return _all_alike(whole, count.numpy(), words="from the whole body's")
 
-    sizes = {"runs": 1, "moving": part.name} | load.sizes
-    return [Case(KERNELS, "freeze", sizes, partial(silhouettes.freeze, posed, resting, batch, frozen), check)]
+    return [Case(KERNELS, "freeze", {"runs": 1, "moving": part.name} | load.sizes, freeze, check)]
 
 
 def _cost(load: Workload, count: wp.array, device: str) -> Case:
@@ -190,9 +196,9 @@ def _moving(load: Workload, part: Part, renderer: str, device: str) -> list[Case
         moved = objective.count.numpy().copy()
         objective.release()
         objective.evaluate(candidates)
-        apart = int((moved != objective.count.numpy()).any(axis=-1).sum())
+        same = _all_alike(moved, objective.count.numpy(), words="from the whole body's")
         hold_poses()
-        return Check(f"{apart} of {moved.shape[0] * moved.shape[1]} counts differ from the whole body's", apart == 0)
+        return same
 
     hold_poses()
     sizes = {"renderer": renderer, "candidates": candidates} | load.sizes_on(device, 1)
@@ -200,5 +206,4 @@ def _moving(load: Workload, part: Part, renderer: str, device: str) -> list[Case
     if renderer != RENDERERS[-1] or load.body.skeleton.moved_by(part.index).all():
         return [evaluate]
     held = load.objective(candidates, renderer, device)  # one of its own: holding overwrites poses
-    hold = Case(MOVING, f"{part.name}: hold", sizes, partial(held.hold, base, part.index), check)
-    return [evaluate, hold]
+    return [evaluate, Case(MOVING, f"{part.name}: hold", sizes, partial(held.hold, base, part.index), check)]

@@ -36,15 +36,13 @@ _RUNS = {"cpu": (1, 2, 4, 8, 16), "cuda": (1, 3, 10, 30, 100, 300)}
 def growth(load: Workload, device: str) -> Iterator[list[Case]]:
     """The sweeps; a CPU uses one thread."""
     kind = "cpu" if device == "cpu" else "cuda"
-    batch = (BATCH[kind],)
     yield from evaluations(load, _CANDIDATES[kind], (1,), device, GROUP + "candidates")
-    for cameras in _CAMERAS:
-        yield from evaluations(workload(cameras=cameras), batch, (1,), device, GROUP + "cameras")
-    for scale in _SCALES:
-        width, height = (round(scale * extent) for extent in SIZE)
-        yield from evaluations(workload(size=(width, height)), batch, (1,), device, GROUP + "pixels")
-    for triangles in _TRIANGLES:
-        yield from evaluations(workload(triangles=triangles), batch, (1,), device, GROUP + "triangles")
+    scaled = [(round(scale * SIZE[0]), round(scale * SIZE[1])) for scale in _SCALES]
+    sweeps = [("cameras", "cameras", _CAMERAS), ("pixels", "size", scaled), ("triangles", "triangles", _TRIANGLES)]
+    for axis, parameter, values in sweeps:
+        for value in values:
+            one = workload(**{parameter: value})  # type: ignore[arg-type]
+            yield from evaluations(one, (BATCH[kind],), (1,), device, GROUP + axis)
     for runs in _RUNS[kind]:
         yield from same_frames(load, (runs,), BUDGET, device, 1, GROUP + "runs")
 
@@ -88,9 +86,7 @@ def growth_lines(reports: Sequence[Report], axis: str) -> list[Line]:
     points: dict[tuple[str, str, bool], list[tuple[float, float]]] = {}
     for report in reports:
         is_gpu = report["kind"] == "cuda"
-        for row in report["measurements"]:
-            if row["group"] != GROUP + axis:
-                continue
+        for row in (row for row in report["measurements"] if row["group"] == GROUP + axis):
             each = 1 if axis in ("candidates", "runs") else row["evaluations"]
             # One thread's time of the processor is what it took, whatever else the machine did.
             seconds = row["median"] if is_gpu else row["processor"]

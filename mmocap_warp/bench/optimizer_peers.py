@@ -76,7 +76,6 @@ class _Evosax(Engine):
         import jax.numpy as jnp
         from evosax.algorithms import CMA_ES
 
-        cpu = jax.devices("cpu")[0]
         algorithm = CMA_ES(population_size=particles, solution=jnp.zeros(dofs))
         parameters = algorithm.default_params.replace(std_init=jnp.asarray(_SIGMA))
 
@@ -95,18 +94,15 @@ class _Evosax(Engine):
 
         functions = (begin, ask, tell, step) if runs == 1 else map(jax.vmap, (begin, ask, tell, step))
         self._begin, self._ask, self._tell, self._step = map(jax.jit, functions)
-        self._wait, self._put, self._runs = jax.block_until_ready, partial(jax.device_put, device=cpu), runs
-        self._keys = []
-        for generation in range(_GENERATIONS):
-            keys = jax.random.split(jax.random.key(generation), runs)
-            self._keys.append(self._put(keys[0] if runs == 1 else keys))
+        self._wait, self._put = jax.block_until_ready, partial(jax.device_put, device=jax.devices("cpu")[0])
+        keys = (jax.random.split(jax.random.key(generation), runs) for generation in range(_GENERATIONS))
+        self._keys, self._runs = [self._put(key[0] if runs == 1 else key) for key in keys], runs
 
     def begin(self) -> None:
-        self._generation = 0
-        self._state = self._begin(self._keys[0])
+        self._generation, self._state = 0, self._begin(self._keys[0])
 
-    def _key(self) -> Any:
-        self._generation += 1
+    def _key(self, ahead: int = 1) -> Any:
+        self._generation += ahead
         return self._keys[self._generation % _GENERATIONS]
 
     def ask(self) -> np.ndarray:
@@ -114,8 +110,7 @@ class _Evosax(Engine):
         return np.asarray(self._x).reshape(self._runs, *self._x.shape[-2:])
 
     def tell(self, cost: np.ndarray) -> None:
-        key = self._keys[self._generation % _GENERATIONS]
-        self._state = self._tell(key, self._state, self._x, cost.reshape(self._x.shape[:-1]))
+        self._state = self._tell(self._key(0), self._state, self._x, cost.reshape(self._x.shape[:-1]))
 
     def generation(self, cost: np.ndarray) -> Callable[[], None]:
         given = self._put(cost[0] if self._runs == 1 else cost)

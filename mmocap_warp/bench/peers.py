@@ -86,13 +86,12 @@ def _caster(name: str, posed: np.ndarray, faces: np.ndarray) -> Cast:
 
 def _rays(load: Workload, vertices: np.ndarray, name: str) -> Callable[[np.ndarray], None]:
     """A scene a candidate, built anew, and a ray for each pixel of the body's boxes that ends at any hit."""
-    faces, directions = load.body.tracking_face, _directions(load.rig)
-    masks = unpack_masks(load.observation.words, load.rig.size)
-    eyes = load.rig.centres.astype(np.float32)
+    masks, eyes = unpack_masks(load.observation.words, load.rig.size), load.rig.centres.astype(np.float32)
+    directions = [_directions(load.rig, k) for k in range(len(load.rig))]
 
     def work(count: np.ndarray) -> None:
         for c, posed in enumerate(vertices):
-            cast = _caster(name, posed, faces)
+            cast = _caster(name, posed, load.body.tracking_face)
             boxes = _boxes(load, project(load.rig, posed))
             rays = [image[box].reshape(-1, 3) for box, image in zip(boxes, directions, strict=True)]
             ends = np.cumsum([0, *map(len, rays)])
@@ -104,19 +103,15 @@ def _rays(load: Workload, vertices: np.ndarray, name: str) -> Callable[[np.ndarr
     return work
 
 
-def _directions(rig: CameraRig) -> list[np.ndarray]:
-    """Of the rays through each camera's pixels in the world, (height, width, 3) float32."""
-    directions = []
-    for k, (width, height) in enumerate(rig.size.tolist()):
-        x, y = np.meshgrid(np.arange(width), np.arange(height))
-        plane = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(rig.K[k]).T
-        directions.append((plane @ rig.R[k]).astype(np.float32))
-    return directions
+def _directions(rig: CameraRig, k: int) -> np.ndarray:
+    """Of the rays through a camera's pixels in the world, (height, width, 3) float32."""
+    x, y = np.meshgrid(*map(np.arange, rig.size[k].tolist()))
+    plane = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(rig.K[k]).T
+    return (plane @ rig.R[k]).astype(np.float32)
 
 
 def _opencv(load: Workload, vertices: np.ndarray) -> Callable[[np.ndarray], None]:
     """Every triangle as a polygon, on images that are cleared within the body's boxes."""
-    faces = load.body.tracking_face
     masks = [mask.view(np.uint8) for mask in unpack_masks(load.observation.words, load.rig.size)]
     images = [np.zeros((height, width), np.uint8) for width, height in load.rig.size.tolist()]
 
@@ -127,7 +122,7 @@ def _opencv(load: Workload, vertices: np.ndarray) -> Callable[[np.ndarray], None
             for k, (image, box) in enumerate(zip(images, _boxes(load, pixels), strict=True)):
                 model = image[box]
                 model[:] = 0
-                for triangle in corners[k][faces]:
+                for triangle in corners[k][load.body.tracking_face]:
                     cv2.fillConvexPoly(image, triangle, 1, cv2.LINE_8, _SUBPIXEL_BITS)
                 count[c, k] = cv2.countNonZero(model), cv2.countNonZero(model & masks[k][box])
 

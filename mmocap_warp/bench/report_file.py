@@ -46,10 +46,7 @@ class Table(NamedTuple):
 def report_tables(report: Report, old: Report | None = None, answers: bool = False) -> list[Table]:
     """A table for each group; those of growth are plotted instead.
 
-    Args:
-        report: what ``suite.run_suite`` returns.
-        old: another, of which each line says how many times as quick it is now.
-        answers: a column that says how answers were checked.
+    Lines say how many times as quick as in an ``old`` report it is now, and how ``answers`` were checked.
     """
     before = {_key(row): row for row in old["measurements"]} if old else None
     groups: dict[str, list[Row]] = {}
@@ -69,22 +66,20 @@ def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] 
     columns = ["", "of", "median", "lowest", "quartiles", host, "compile", "an evaluation", "in 1 s"]
     columns += ["speed-up"] * (before is not None) + ["answer"]
     common = [name for name, value in rows[0]["sizes"].items() if all(row["sizes"].get(name) == value for row in rows)]
-    lines = []
+    lines, notes = [], [*_notes(group, rows)]
     for row in rows:
-        count = row["evaluations"]
-        line = [case_name(row), sizes_in_words(row["sizes"], leave=common), duration(row["median"])]
-        line += [digits(row["lowest"], row["median"]), "–".join(digits(q, row["median"]) for q in row["quartiles"])]
+        count, middle = row["evaluations"], row["median"]
+        line = [case_name(row), sizes_in_words(row["sizes"], leave=common), duration(middle)]
+        line += [digits(row["lowest"], middle), "–".join(digits(q, middle) for q in row["quartiles"])]
         line += [duration(row[host]), f"{row['compiling']:.2f} s"]
-        line += [duration(row["median"] / count), f"{count / row['median']:,.0f}"] if count else ["", ""]
+        line += [duration(middle / count), f"{count / middle:,.0f}"] if count else ["", ""]
         if before is not None:
             same = before.get(_key(row))
-            line.append(f"{same['median'] / row['median']:.2f}x" if same else "")
+            line.append(f"{_ratio(same, row):.2f}x" if same else "")
         mark = "✓" if row["ok"] else "✗"
         lines.append([*line, f"{mark} {row['check']}" if answers else mark])
+        notes += [] if row["ok"] else [f"wrong: {case_name(row)}, {sizes_in_words(row['sizes'])}: {row['check']}"]
     shared = sizes_in_words({name: rows[0]["sizes"][name] for name in common})
-    wrong = [row for row in rows if not row["ok"]]
-    notes = [*_notes(group, rows)]
-    notes += [f"wrong: {case_name(row)}, {sizes_in_words(row['sizes'])}: {row['check']}" for row in wrong]
     # A column that holds no word is left out.
     kept = [i for i in range(len(columns)) if any(line[i] for line in lines)]
     columns, *lines = ([line[i] for i in kept] for line in (columns, *lines))
@@ -94,9 +89,8 @@ def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] 
 def _notes(group: str, rows: list[Row]) -> Iterable[str]:
     """Ratios of what was measured side by side."""
     if group == PEER:
-        ours = [row for row in rows if "renderer" in row["sizes"]]
         theirs = [row for row in rows if "renderer" not in row["sizes"]]
-        for mine in ours:
+        for mine in (row for row in rows if "renderer" in row["sizes"]):
             ratios = (f"{_ratio(other, mine):.1f} times as quick as {other['name']}'s drawing" for other in theirs)
             yield f"{mine['name']}, posing and cost included: {', '.join(ratios)}"
     for mine in rows if group in (ASK_AND_TELL, FUNCTION) else ():
@@ -105,22 +99,21 @@ def _notes(group: str, rows: list[Row]) -> Iterable[str]:
             ratios = (f"{_ratio(other, mine):.2f} times as quick as {other['name']}" for other in alike)
             yield f"{OURS}, {sizes_in_words(mine['sizes'])}: {', '.join(ratios)}"
     for one, many in pairs(rows, "runs") if group == FRAME else ():
-        sizes = many["sizes"]
-        times = sizes["runs"] * _ratio(one, many)
-        yield f"{sizes['renderer']}: {sizes['runs']} runs at once do {times:.1f} times one run's evaluations a second"
+        renderer, runs = many["sizes"]["renderer"], many["sizes"]["runs"]
+        yield f"{renderer}: {runs} runs at once do {runs * _ratio(one, many):.1f} times one run's evaluations a second"
     for one, many in pairs(rows, "threads") if group == EVALUATION else ():
-        sizes = many["sizes"]
-        yield f"{sizes['renderer']}: {sizes['threads']} threads are {_ratio(one, many):.2f} times as quick as one"
+        renderer, threads = many["sizes"]["renderer"], many["sizes"]["threads"]
+        yield f"{renderer}: {threads} threads are {_ratio(one, many):.2f} times as quick as one"
 
 
 def pairs(rows: list[Row], size: str) -> list[tuple[Row, Row]]:
     """Measurements with one of a size, and the same with the most of it; the last ones, which were side by side."""
-    found = {}
-    for many in rows:
-        for one in rows:
-            alike = one["name"] == many["name"] and one["sizes"] == many["sizes"] | {size: 1}
-            if alike and many["sizes"].get(size, 1) > 1:
-                found[_key(many)] = one, many
+    found = {
+        _key(many): (one, many)
+        for many in rows
+        for one in rows
+        if one["name"] == many["name"] and one["sizes"] == many["sizes"] | {size: 1} and many["sizes"].get(size, 1) > 1
+    }
     return list(found.values())
 
 
@@ -136,15 +129,11 @@ def case_name(row: Row) -> str:
 
 def sizes_in_words(sizes: dict[str, Any], leave: Sequence[str] = ()) -> str:
     """What a time depends on, but for the measure's own sizes and those to ``leave`` out."""
-    words = []
-    for name, value in sizes.items():
-        if name in _MEASURE or name in leave:
-            continue
-        if name in _IN_WORDS:
-            words.append(_IN_WORDS[name].format(value))
-        else:
-            words.append(f"{value:,} {name if value != 1 else name.removesuffix('s')}")
-    return ", ".join(words)
+    told = ((name, value) for name, value in sizes.items() if name not in (*_MEASURE, *leave))
+    return ", ".join(
+        _IN_WORDS[name].format(value) if name in _IN_WORDS else f"{value:,} {name.removesuffix('s' * (value == 1))}"
+        for name, value in told
+    )
 
 
 def duration(seconds: float | None) -> str:
@@ -167,13 +156,12 @@ def heading(report: Report) -> str:
     """Where and when it was measured, and what, in a few lines."""
     measure, versions = report["measure"], report["versions"]
     load = " and ".join("unknown" if value is None else f"{value:g}" for value in report["load"])
-    threads = f"{report['cores']} cores, machine load {load} (before and after)"
     packages = ", ".join(f"{name} {versions[name]}" for name in ("mmocap-warp", "warp-lang", "python"))
-    kernels = report["kernels_compiled"]
+    kernels, (width, height) = report["kernels_compiled"], measure["size"]
     compiled = f"{kernels} kernel modules compiled" if kernels else "kernels came from the cache"
-    width, height = measure["size"]
     return (
-        f"{report['device']}, {threads}; {packages}; {report['started']}, {report['seconds']:.0f} s, {compiled}\n"
+        f"{report['device']}, {report['cores']} cores, machine load {load} (before and after); {packages}; "
+        f"{report['started']}, {report['seconds']:.0f} s, {compiled}\n"
         f"{measure['cameras']} cameras of {width}x{height}, a body {measure['height']} px tall of "
         f"{measure['triangles']:,} triangles"
     )
@@ -227,8 +215,8 @@ def write_pages(folder: Path, reports: Sequence[Report]) -> list[Path]:
     Raises:
         InputError: it cannot be written to.
     """
-    plots = growth_plots(reports)
-    files = {PAGE: report_page(reports)} | {f"growth-{axis}.svg": plot for axis, plot in plots.items()}
+    files = {PAGE: report_page(reports)}
+    files |= {f"growth-{axis}.svg": plot for axis, plot in growth_plots(reports).items()}
     for name, words in files.items():
         write_whole(folder / name, words.encode())
     return [folder / name for name in files]
@@ -249,9 +237,8 @@ def report_page(reports: Sequence[Report]) -> str:
     for report in reports:
         parts.append(f"## {report['device']}")
         for table in report_tables(report, answers=True):
-            rows = [table.columns, ["---"] * len(table.columns)]
-            rows += [[word.replace("|", "\\|") for word in row] for row in table.rows]
-            grid = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-            parts += [f"### {table.title[0].upper()}{table.title[1:]}", grid]
+            rows = [[word.replace("|", "\\|") for word in row] for row in table.rows]
+            grid = [f"| {' | '.join(row)} |" for row in (table.columns, ["---"] * len(table.columns), *rows)]
+            parts += [f"### {table.title[0].upper()}{table.title[1:]}", "\n".join(grid)]
             parts += [f"- {note}" for note in table.notes]
     return "\n\n".join(parts) + "\n"

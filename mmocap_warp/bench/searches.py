@@ -54,19 +54,17 @@ def ask_and_tell(load: Workload, runs: Sequence[int], device: str) -> Iterator[l
             yield [_ask_and_tell(load, name, part, number, device) for number in runs]
 
 
-def _optimizer(name: str, part: Part, radius: float, runs: int, evaluations: int, device: str) -> Optimizer:
-    seed = wp.array(np.arange(runs), dtype=wp.int32, device=device)
-    counter = wp.zeros(runs, dtype=wp.int32, device=device)
+def _optimizer(name: str, part: Part, radius: float, runs: int, device: str) -> Optimizer:
+    seed, counter = (wp.array(of, dtype=wp.int32, device=device) for of in (np.arange(runs), np.zeros(runs, int)))
     space = make_space(part.index, np.full(len(part.index), radius), seed, counter)
-    return ALGORITHMS[name].optimizer(space, evaluations)
+    return ALGORITHMS[name].optimizer(space, _BUDGET)
 
 
 def _ask_and_tell(load: Workload, name: str, part: Part, runs: int, device: str) -> Case:
-    optimizer = _optimizer(name, part, 0.5, runs, _BUDGET, device)
+    optimizer = _optimizer(name, part, 0.5, runs, device)
     particles = optimizer.particles
     start = wp.array(np.ones((runs, load.body.skeleton.coordinates)), dtype=wp.float32, device=device)
-    made_up = np.random.default_rng(0).uniform(0.1, 0.9, runs * particles)
-    cost = wp.array(made_up, dtype=wp.float32, device=device)
+    cost = wp.array(np.random.default_rng(0).uniform(0.1, 0.9, runs * particles), dtype=wp.float32, device=device)
     optimizer.start(start)
 
     def work() -> None:
@@ -95,26 +93,36 @@ def measure_generations(
 
     It is what a search of six generations takes over a search of one, divided by five.
     """
-    skeleton = load.body.skeleton
-    sizes = load.sizes_on(device, threads)
     for renderer in RENDERERS:
-        parts = [_generation(load, part, renderer, sizes, device, threads, seconds) for part in hierarchical(skeleton)]
-        mean = _mean(parts, "h-cmaes: mean of the parts")
-        yield [*parts, mean, _generation(load, holistic(skeleton)[0], renderer, sizes, device, threads, seconds)]
+        *parts, whole = (
+            _generation(load, name, part, renderer, device, threads, seconds)
+            for name, split in (("h-cmaes", hierarchical), ("cmaes", holistic))
+            for part in split(load.body.skeleton)
+        )
+        yield [*parts, _mean(parts, "h-cmaes: mean of the parts"), whole]
 
 
 def _generation(
-    load: Workload, part: Part, renderer: str, sizes: dict[str, Any], device: str, threads: int, seconds: float | None
+    load: Workload, name: str, part: Part, renderer: str, device: str, threads: int, seconds: float | None
 ) -> Measurement:
-    name = "cmaes" if len(part.index) == len(load.body.skeleton.searched()) else "h-cmaes"
-    short, long = (_search(load, name, part, n, renderer, device, threads) for n in (1, 1 + _LONGER_BY))
+    radius, _translation = TrackConfig(algorithm=name).radii(load.fps)
+
+    def search(generations: int) -> Search:
+        optimizer = _optimizer(name, part, radius, 1, device)
+        objective = load.objective(optimizer.particles, renderer, device, threads)
+        evaluations = 1 + generations * optimizer.particles
+        search = Search(objective, [optimizer], evaluations, load.body.skeleton.coordinate_limits)
+        search.best_pose.assign(load.subject.pose[None].astype(np.float32))
+        return search
+
+    short, long = search(1), search(1 + _LONGER_BY)
     particles = (long.evaluations - short.evaluations) // _LONGER_BY
     one, many = time_together([short.run, long.run], device, seconds=seconds)
     samples = tuple((b - a) / _LONGER_BY for a, b in zip(one.samples, many.samples, strict=True))
     launched = None if many.launched is None or one.launched is None else (many.launched - one.launched) / _LONGER_BY
-    compiling = one.compiling + many.compiling
-    timing = Timing(samples, (many.processor - one.processor) / _LONGER_BY, compiling, launched)
-    sizes = {"renderer": renderer, "dof": len(part.index), "candidates": particles, "runs": 1} | sizes
+    timing = Timing(samples, (many.processor - one.processor) / _LONGER_BY, one.compiling + many.compiling, launched)
+    sizes = {"renderer": renderer, "dof": len(part.index), "candidates": particles, "runs": 1}
+    sizes |= load.sizes_on(device, threads)
 
     def check() -> Check:
         return _cost_is_right(load, long.best_pose.numpy(), long.best_cost.numpy())
@@ -123,36 +131,20 @@ def _generation(
     return replace(Measurement.of(case, timing), lowest=(many.lowest - one.lowest) / _LONGER_BY)
 
 
-def _search(
-    load: Workload, name: str, part: Part, generations: int, renderer: str, device: str, threads: int
-) -> Search:
-    radius, _translation = TrackConfig(algorithm=name).radii(load.fps)
-    optimizer = _optimizer(name, part, radius, 1, _BUDGET, device)
-    objective = load.objective(optimizer.particles, renderer, device, threads)
-    search = Search(objective, [optimizer], 1 + generations * optimizer.particles, load.body.skeleton.coordinate_limits)
-    search.best_pose.assign(load.subject.pose[None].astype(np.float32))
-    return search
-
-
 def _mean(parts: list[Measurement], name: str) -> Measurement:
     """The mean of measurements that are steps of one thing."""
 
     def mean(of: Callable[[Measurement], float]) -> float:
         return sum(map(of, parts)) / len(parts)
 
-    times: dict[str, Any] = {name: mean(attrgetter(name)) for name in ("median", "lowest", "processor")}
-    return replace(
-        parts[0],
-        name=name,
-        sizes={key: value for key, value in parts[0].sizes.items() if key not in ("dof", "candidates")},
-        evaluations=round(mean(lambda part: part.evaluations)),
-        quartiles=(mean(lambda part: part.quartiles[0]), mean(lambda part: part.quartiles[1])),
-        launched=None if parts[0].launched is None else mean(lambda part: part.launched or 0.0),
-        compiling=sum(part.compiling for part in parts),
-        check="those of the parts",
-        ok=all(part.ok for part in parts),
-        **times,
-    )
+    times: dict[str, Any] = {key: mean(attrgetter(key)) for key in ("median", "lowest", "processor")}
+    times["quartiles"] = tuple(mean(lambda part, end=end: part.quartiles[end]) for end in range(2))  # type: ignore[misc]
+    times["launched"] = None if parts[0].launched is None else mean(lambda part: part.launched or 0.0)
+    times["compiling"] = sum(part.compiling for part in parts)
+    sizes = {key: value for key, value in parts[0].sizes.items() if key not in ("dof", "candidates")}
+    spent = round(mean(attrgetter("evaluations")))
+    told: dict[str, Any] = {"check": "those of the parts", "ok": all(part.ok for part in parts)}
+    return replace(parts[0], name=name, sizes=sizes, evaluations=spent, **times, **told)
 
 
 def _cost_is_right(load: Workload, pose: np.ndarray, cost: np.ndarray) -> Check:
@@ -169,7 +161,8 @@ def _cost_is_right(load: Workload, pose: np.ndarray, cost: np.ndarray) -> Check:
 def frames(load: Workload, device: str, threads: int) -> Iterator[list[Case]]:
     """Frames from memory, from masks to the answer, of one run."""
     for algorithm in ("h-cmaes", "cmaes"):
-        yield [_frame(load, algorithm, renderer, device, threads) for renderer in RENDERERS]
+        trackers = [_tracker(load, algorithm, renderer, 1, _BUDGET, device, threads) for renderer in RENDERERS]
+        yield [_frame_case(FRAME, load, tracker, partial(_frame_is_right, load, tracker)) for tracker in trackers]
 
 
 def same_frames(
@@ -191,22 +184,17 @@ def _tracker(
     return Tracker(load.subject, load.rig, config, load.fps)
 
 
-def _frame(load: Workload, algorithm: str, renderer: str, device: str, threads: int) -> Case:
-    tracker = _tracker(load, algorithm, renderer, 1, _BUDGET, device, threads)
-
-    def check() -> Check:
-        answer = tracker.step(load.observation)
-        return _cost_is_right(load, answer.pose, answer.cost)
-
-    return _frame_case(FRAME, load, tracker, check)
+def _frame_is_right(load: Workload, tracker: Tracker) -> Check:
+    answer = tracker.step(load.observation)
+    return _cost_is_right(load, answer.pose, answer.cost)
 
 
 def _frame_case(group: str, load: Workload, tracker: Tracker, check: Callable[[], Check]) -> Case:
     config, dof = tracker.config, len(load.body.skeleton.searched(tracker.config.dof))
     sizes: dict[str, Any] = {"renderer": config.renderer, "dof": dof, "budget": config.budget, "runs": config.runs}
-    threads = {"threads": config.threads} if tracker.device == "cpu" else {}
+    sizes |= ({"threads": config.threads} if tracker.device == "cpu" else {}) | load.sizes
     work, evaluations = partial(tracker.step, load.observation), config.budget * config.runs
-    return Case(group, config.algorithm, sizes | threads | load.sizes, work, check, evaluations, captured=False)
+    return Case(group, config.algorithm, sizes, work, check, evaluations, captured=False)
 
 
 def _same_run(load: Workload, one: Tracker, many: Tracker) -> Check:

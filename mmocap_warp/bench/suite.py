@@ -25,14 +25,9 @@ from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.timing import Case, Measurement, measure
 from mmocap_warp.versions import package_versions, versions
 
-PEERS: dict[str, tuple[str, str]] = {
-    "embree": ("embreex", "bench"),
-    "trimesh": ("embreex", "bench"),  # it casts its rays with Embree, too
-    "opencv": ("cv2", "bench"),
-    "evosax": ("evosax", "peers"),
-    "cmaes": ("cmaes", "peers"),
-    "cma": ("cma", "peers"),
-}
+# embree's module serves trimesh, too: it casts its rays with Embree
+PEERS = {name: ("embreex", "bench") for name in ("embree", "trimesh")} | {"opencv": ("cv2", "bench")}
+PEERS |= {name: (name, "peers") for name in ("evosax", "cmaes", "cma")}
 """What may be run beside us: the module that each needs, and the extra of this package that installs it."""
 
 _SMALL_WORK_SECONDS = 0.1  # for each of many small works
@@ -66,29 +61,23 @@ class Plan:
 
 
 def run_suite(plan: Plan, tell: Callable[[str], None], load: Workload | None = None) -> dict[str, Any]:
-    """Measure; raises nothing where an answer is wrong, but says so.
+    """Measure; raises nothing where an answer is wrong, but says so. ``tell`` is called with each step's name.
 
-    Args:
-        plan: what to measure.
-        tell: called with the name of each step.
-        load: what is evaluated, but for growth; the measure where omitted.
+    ``load`` is what is evaluated, but for growth; the measure where it is omitted.
     """
     started, clock, load_before = datetime.now(UTC), time.perf_counter(), _machine_load()
-    compiled = _compiled_kernels()
-    load = load or workload()
+    compiled, load = _compiled_kernels(), load or workload()
     measured: list[Measurement] = []
-    step = ""
     for rows in _steps(plan, load):
-        if rows[0].group != step:
-            step = rows[0].group
-            tell(step)
+        if not measured or rows[0].group != measured[-1].group:
+            tell(rows[0].group)
         measured += rows
-    peers_need = {PEERS[name][0] for name in plan.against}
+    packages = package_versions({PEERS[name][0] for name in plan.against}) | {"python": platform.python_version()}
     return {
         "format": FORMAT,
         "started": started.isoformat(timespec="seconds"),
         "seconds": time.perf_counter() - clock,
-        "versions": versions(plan.device) | package_versions(peers_need) | {"python": platform.python_version()},
+        "versions": versions(plan.device) | packages,
         "device": wp.get_device(plan.device).name if plan.device != "cpu" else _processor(),
         "kind": "cpu" if plan.device == "cpu" else "cuda",
         "cores": os.cpu_count(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -97,13 +98,10 @@ class Workload:
 
 
 def workload(cameras: int = CAMERAS, size: tuple[int, int] = SIZE, triangles: int | None = None) -> Workload:
-    """The measure, or with other sizes.
+    """The measure, or with other sizes: of cameras on a ring, their width and height [px], and of the mesh.
 
-    Args:
-        cameras: on a ring around the body.
-        size: width and height of each [px]; the body fills the same share of it.
-        triangles: of the mesh; fewer than the body's own are made by decimation, more by subdivision: 4 times, 16 times
-            as many, and so on. Its own where omitted.
+    The body fills the same share of an image. Fewer triangles than its own are made by decimation, more by subdivision:
+    4 times, 16 times as many, and so on.
     """
     body = read_body(ROOT / "bodies" / "adult_man.usdc")
     return Workload(body if triangles is None else _with_triangles(body, triangles), _ring(cameras, size))
@@ -119,15 +117,9 @@ def _ring(cameras: int, size: tuple[int, int]) -> CameraRig:
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     R = np.stack([right, np.cross(forward, right), forward], axis=1)
     K = np.array([[width, 0.0, (width - 1) / 2], [0.0, width, (height - 1) / 2], [0.0, 0.0, 1.0]])
-    return CameraRig(
-        names=tuple(f"cam{k}" for k in range(1, cameras + 1)),
-        K=np.tile(K, (cameras, 1, 1)),
-        R=R,
-        t=-np.einsum("kij,kj->ki", R, eye),
-        size=np.tile(size, (cameras, 1)),
-        distortion=np.zeros((cameras, 5)),
-        up="+y",
-    )
+    names, t = tuple(f"cam{k}" for k in range(1, cameras + 1)), -np.einsum("kij,kj->ki", R, eye)
+    repeated = np.tile(K, (cameras, 1, 1)), R, t, np.tile(size, (cameras, 1)), np.zeros((cameras, 5))
+    return CameraRig(names, *repeated, "+y")
 
 
 def _with_triangles(body: BodyModel, triangles: int) -> BodyModel:
@@ -139,17 +131,10 @@ def _with_triangles(body: BodyModel, triangles: int) -> BodyModel:
     while len(mesh.face) < triangles:
         mesh = _subdivided(mesh)
     vertices = len(mesh.rest)
-    return replace(
-        body,
-        skin=mesh,
-        tracking_vertex=np.arange(vertices, dtype=np.int32),
-        tracking_face=mesh.face,
-        shape_names=(),
-        shape_vertex=np.zeros((0, vertices, 3), np.float32),
-        shape_joint=body.shape_joint[:0],
-        marker_names=(),
-        marker_vertex=np.zeros(0, np.int32),
-    )
+    other: dict[str, Any] = {"tracking_vertex": np.arange(vertices, dtype=np.int32), "tracking_face": mesh.face}
+    other |= {"shape_vertex": np.zeros((0, vertices, 3), np.float32), "shape_joint": body.shape_joint[:0]}
+    other |= {"shape_names": (), "marker_names": (), "marker_vertex": np.zeros(0, np.int32)}
+    return replace(body, skin=mesh, **other)
 
 
 def _subdivided(mesh: SkinMesh) -> SkinMesh:

@@ -32,20 +32,13 @@ _MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 
 @dataclass(frozen=True)
 class JointAngles:
-    """How the angles of a joint are defined.
+    """How the angles of a joint are defined."""
 
-    Attributes:
-        upper, lower: the segments that it joins, without their side.
-        names: of the three angles.
-        sign: of the first angle, from the right-handed rotation about the first axis; the others are as they are.
-        order: the order of the three rotations, ``zxy`` or ``yxy``.
-    """
-
-    upper: str
-    lower: str
-    names: tuple[str, str, str]
-    sign: int = 1
-    order: str = "zxy"
+    upper: str  # the upper one of the segments that it joins, without its side
+    lower: str  # likewise the lower one
+    names: tuple[str, str, str]  # of the three angles
+    sign: int = 1  # of the first angle, from the right-handed rotation about the first axis; the others are as they are
+    order: str = "zxy"  # the order of the three rotations, ``zxy`` or ``yxy``
 
 
 _BENDING = ("flexion", "bending_to_the_right", "rotation_to_the_left")
@@ -68,12 +61,8 @@ _MIDDLE: dict[str, JointAngles] = {
 def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
     """Of each joint that the body has the segments for, its angles by name: each (frame,) float64 [degrees].
 
-    Angles go on over half a turn from one frame to the next; one that is not defined is NaN. A joint of a side is
-    named after it, such as ``LKnee``.
-
-    Args:
-        body: whose they are.
-        transforms: (frame, joint, 4, 4), of its joints in the world.
+    Angles go on over half a turn from one frame to the next; one that is not defined is NaN. A joint of a side is named
+    after it, such as ``LKnee``. ``transforms`` (frame, joint, 4, 4) are those of the body's joints in the world.
     """
     angles = {}
     for joint, (upper, lower) in _available_joints(body):
@@ -90,11 +79,9 @@ def held_angles(around: dict[str, dict[str, np.ndarray]]) -> list[tuple[str, str
     """Joint and name of each angle that a model does not search, though it changes a little with those it does.
 
     A joint of three searched coordinates or more has all its angles. One of fewer has as many as it has coordinates:
-    those that together follow them most.
-
-    Args:
-        around: as of :func:`joint_angles`, of poses in each of which one searched angle is turned by a degree, and last
-            of the pose that none is turned in: each (searched + 1,) [degrees].
+    those that together follow them most. The angles ``around`` are as of :func:`joint_angles`, of poses in each of
+    which one searched angle is turned by a degree, and last of the pose that none is turned in: each (searched + 1,)
+    [degrees].
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -112,12 +99,8 @@ def held_angles(around: dict[str, dict[str, np.ndarray]]) -> list[tuple[str, str
 def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
     """The angles that a model searches of each joint but the root, by axis of its frame: each (frame,) [degrees].
 
-    They count from the bind pose, in which a robot's joints are at zero, and go on over half a turn.
-
-    Args:
-        skeleton: whose joints they are.
-        pose: (frame, coordinate).
-        model: its number of degrees of freedom; the default one where omitted.
+    They count from the bind pose, in which a robot's joints are at zero, and go on over half a turn. The poses are
+    (frame, coordinate); without ``model``, a number of degrees of freedom, the default one counts.
     """
     angles = _by_joint(skeleton, skeleton.searched_angles(model), pose)
     return {joint: {axis: _unwrap_degrees(each) for axis, each in own.items()} for joint, own in angles.items()}

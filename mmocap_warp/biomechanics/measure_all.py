@@ -19,7 +19,7 @@ from mmocap_warp.biomechanics.joint_angles import (
 from mmocap_warp.biomechanics.segments import Sex, centre_of_mass, skin_place
 from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor, walking
 from mmocap_warp.body.joint_sets import JointSet
-from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.result.result import Result
 
@@ -59,27 +59,19 @@ def bone_lengths(subject: Subject, joint_set: JointSet | None = None) -> dict[st
 
 @dataclass(frozen=True)
 class RunMeasures:
-    """The measures of one run.
+    """The measures of one run."""
 
-    Attributes:
-        run: its number.
-        joints: (frame, joint, 3), joint centres in the world [m].
-        joint_sigma: likewise, their standard deviations along the world's axes; None where they are not known.
-        angles: by joint and name, (frame,) each [degrees]; of a body that is no person, by axis of the joint's frame.
-        shifts: by joint that slides and axis of its frame, (frame,) each, from the bind pose [m].
-        feet: by side; of a body that is no person, by joint.
-        walking: steps and strides.
-        centre_of_mass: (frame, 3) in the world [m]; None where the body lacks joints of a person.
-    """
-
-    run: int
-    joints: np.ndarray
+    run: int  # its number
+    joints: np.ndarray  # (frame, joint, 3), joint centres in the world [m]
+    # (frame, joint, 3), their standard deviations along the world's axes [m]; None where they are not known.
     joint_sigma: np.ndarray | None
+    # By joint and name, (frame,) each [degrees]; of a body that is no person, by axis of the joint's frame.
     angles: dict[str, dict[str, np.ndarray]]
+    # By joint that slides and axis of its frame, (frame,) each, from the bind pose [m].
     shifts: dict[str, dict[str, np.ndarray]]
-    feet: dict[str, Foot]
-    walking: Walking
-    centre_of_mass: np.ndarray | None
+    feet: dict[str, Foot]  # by side; of a body that is no person, by joint
+    walking: Walking  # steps and strides
+    centre_of_mass: np.ndarray | None  # (frame, 3) in the world [m]; None where the body lacks joints of a person
 
 
 @dataclass(frozen=True)
@@ -143,15 +135,11 @@ def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex 
     chosen = range(len(poses)) if run is None else [run]
     held = _angles_not_searched(result, poses[chosen[0]][0])
     measured = tuple(_measure_run(result, poses[number], number, raw, sex, held) for number in chosen)
-    left_out = tuple(_missing_measures(result.subject.body, measured[0]))
-    return Measures(result, raw, sex, measured, left_out, tuple(f"{joint} {name}" for joint, name in held))
-
-
-def _missing_measures(body: BodyModel, measured: RunMeasures) -> list[str]:
-    """What a body has no joints for."""
+    body, first = result.subject.body, measured[0]
     left_out = [f"angles of {joint}" for joint in joints_left_out(body)]
-    left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in measured.feet]
-    return left_out + (["centre of mass"] if measured.centre_of_mass is None else [])
+    left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in first.feet]
+    left_out += ["centre of mass"] if first.centre_of_mass is None else []
+    return Measures(result, raw, sex, measured, tuple(left_out), tuple(f"{joint} {name}" for joint, name in held))
 
 
 def _measure_run(

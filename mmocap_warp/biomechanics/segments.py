@@ -24,19 +24,14 @@ _UPRIGHT = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 
 @dataclass(frozen=True)
 class Segment:
-    """A rigid part of a person.
+    """A rigid part of a person."""
 
-    Attributes:
-        joint: that carries it.
-        upper, lower: joints whose centres lie on its long axis, which points up to the first; empty where its axes are
-            those of the bind pose.
-        across: the joint whose frame says where z points, and the signed column of that frame, such as ``-x``.
-    """
-
-    joint: str
+    joint: str  # that carries it
+    # Joints whose centres lie on its long axis, which points up to the first; empty where its axes are those of the
+    # bind pose.
     upper: str = ""
     lower: str = ""
-    across: tuple[str, str] = ("", "")
+    across: tuple[str, str] = ("", "")  # the joint whose frame says where z points; that frame's signed column, as "-x"
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -94,10 +89,7 @@ SEGMENTS: dict[str, Segment] = {
 def segment_axes(body: BodyModel, transforms: np.ndarray, name: str) -> np.ndarray:
     """A segment's axes in the world, in columns: (frame, 3, 3) float64.
 
-    Args:
-        body: a body that has the segment's joints.
-        transforms: (frame, joint, 4, 4), of its joints in the world.
-        name: of the segment.
+    ``transforms`` (frame, joint, 4, 4) are the joints' in the world; the body has those of the segment.
     """
     segment = SEGMENTS[name]
     return transforms[:, body.skeleton.index(segment.joint), :3, :3].astype(float) @ segment.axes(body)
@@ -108,15 +100,9 @@ Direction = tuple[float, float, float] | None
 
 
 def skin_place(body: BodyModel, transforms: np.ndarray, joint: str, direction: Direction) -> np.ndarray:
-    """(frame, 3), the joint's skin that is furthest out in the bind pose, carried by the joint.
+    """(frame, 3), a joint's skin that is furthest out along ``direction`` in the bind pose, carried by the joint.
 
-    The joint's centre where no skin follows it.
-
-    Args:
-        body: whose skin.
-        transforms: (frame, joint, 4, 4), of its joints in the world.
-        joint: that has most weight on the skin.
-        direction: in which it is furthest from the joint's centre.
+    It is the joint's centre where no skin follows it. ``transforms`` (frame, joint, 4, 4) are the joints' in the world.
     """
     number = body.skeleton.index(joint)
     away = (body.skin.rest[body.skin.heaviest_joint == number] - body.joint_rest[number]).astype(float)
@@ -163,10 +149,7 @@ _SKIN: dict[str, tuple[str, Direction]] = {  # places on the skin: joint and dir
 def centre_of_mass(body: BodyModel, transforms: np.ndarray, sex: Sex | None = None) -> np.ndarray | None:
     """(frame, 3) float64 in the world [m]; None for a body that lacks joints of a person.
 
-    Args:
-        body: whose it is.
-        transforms: (frame, joint, 4, 4), of its joints in the world.
-        sex: whose shares to take; the mean of both where it is not known.
+    ``transforms`` (frame, joint, 4, 4) are the joints' in the world. Without ``sex`` the shares are the mean of both.
     """
     if not {"Neck", *(side + name for side in "LR" for name in _JOINTS_OF_SIDE)} <= {*body.skeleton.joints}:
         return None

@@ -28,17 +28,11 @@ _FRAMES_AT_ONCE = 1024
 
 @dataclass(frozen=True)
 class Foot:
-    """A foot over the floor.
+    """A foot over the floor."""
 
-    Attributes:
-        height: (frame,) of its lowest skin over the floor [m].
-        speed: (frame,) of that skin [m/s].
-        on_floor: (frame,) bool.
-    """
-
-    height: np.ndarray
-    speed: np.ndarray
-    on_floor: np.ndarray
+    height: np.ndarray  # (frame,) of its lowest skin over the floor [m]
+    speed: np.ndarray  # (frame,) of that skin [m/s]
+    on_floor: np.ndarray  # (frame,) bool
 
     @property
     def strikes(self) -> np.ndarray:
@@ -69,13 +63,8 @@ def feet_on_floor(subject: Subject, pose: np.ndarray, seconds: np.ndarray, up: n
     """The feet that a subject has, named as :func:`feet_of` does.
 
     The floor is level, and as high as the lowest foot is in half of the frames. No speed is known of a single frame,
-    and so no contact.
-
-    Args:
-        subject: whose feet.
-        pose: (frame, coordinate).
-        seconds: (frame,), ascending.
-        up: (3,), the world's vertical, of length one.
+    and so no contact. The poses (frame, coordinate) are at ``seconds`` (frame,), ascending; the world's vertical ``up``
+    (3,) has length one.
     """
     tracks = {
         name: _lowest_skin(subject, pose, seconds, up, joint)
@@ -141,38 +130,23 @@ _LEAST_WAY = 0.05  # way of the root during a step that is long enough to have a
 
 @dataclass(frozen=True)
 class Step:
-    """From a foot's heel strike to the other foot's next one.
+    """From a foot's heel strike to the other foot's next one."""
 
-    Attributes:
-        side: of the foot that lands.
-        frame: in which it lands, as a position in the clip.
-        seconds: it takes.
-        length: from heel to heel, each as it struck, along the root's way meanwhile [m]; NaN where the root stays.
-    """
-
-    side: str
-    frame: int
-    seconds: float
-    length: float
+    side: str  # of the foot that lands
+    frame: int  # in which it lands, as a position in the clip
+    seconds: float  # that it takes
+    length: float  # from heel to heel, each as it struck, along the root's way meanwhile [m]; NaN where the root stays
 
 
 @dataclass(frozen=True)
 class Stride:
-    """From a foot's heel strike to its next one.
+    """From a foot's heel strike to its next one."""
 
-    Attributes:
-        side: of the foot.
-        frame: of the first strike, as a position in the clip.
-        seconds: it takes.
-        length: between the places where the heel strikes, on the level [m].
-        stance_share: of the time in which the foot stands.
-    """
-
-    side: str
-    frame: int
-    seconds: float
-    length: float
-    stance_share: float
+    side: str  # of the foot
+    frame: int  # of the first strike, as a position in the clip
+    seconds: float  # that it takes
+    length: float  # between the places where the heel strikes, on the level [m]
+    stance_share: float  # of the time in which the foot stands
 
 
 @dataclass(frozen=True)
@@ -193,12 +167,8 @@ def walking(
 ) -> Walking:
     """Steps and strides that lie wholly within the clip; there are steps only where there are two feet.
 
-    Args:
-        feet: by side, or by name.
-        heel: of each, (frame, 3) [m].
-        root: (frame, 3) [m].
-        seconds: (frame,).
-        up: (3,), the world's vertical, of length one.
+    The heels, by foot, and the root are (frame, 3) [m] at ``seconds`` (frame,); the vertical ``up`` (3,) has length
+    one.
     """
     level = np.eye(3) - np.outer(up, up)
     heel, root = {side: places @ level for side, places in heel.items()}, root @ level

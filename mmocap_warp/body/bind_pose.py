@@ -19,17 +19,11 @@ _REFLECTED = np.array([1.0, -1.0, -1.0])  # what a turn's axis becomes in the mi
 
 
 class BindPoseTurns(NamedTuple):
-    """Independent turns of parts in the bind pose, those of joints that mirror each other together.
+    """Independent turns of parts in the bind pose, those of joints that mirror each other together."""
 
-    Attributes:
-        sigma: (turn,) float64, standard deviations [rad].
-        vertex: (turn, vertex, 3) float64, how far each moves the full mesh's skin at 1 rad [m].
-        joint: (turn, joint, 3) float64, likewise the joints' centres.
-    """
-
-    sigma: np.ndarray
-    vertex: np.ndarray
-    joint: np.ndarray
+    sigma: np.ndarray  # (turn,) float64, standard deviations [rad]
+    vertex: np.ndarray  # (turn, vertex, 3) float64, how far each moves the full mesh's skin at 1 rad [m]
+    joint: np.ndarray  # (turn, joint, 3) float64, likewise the joints' centres
 
 
 def bind_pose_turns(body: BodyModel) -> BindPoseTurns:

@@ -31,25 +31,16 @@ _SUM_TOLERANCE = 1e-3  # a point's weights must sum to one within this, or it wo
 
 @dataclass(frozen=True, eq=False)
 class JointSet:
-    """Points of a body, each the sum of weighted skin vertices and joints.
+    """Points of a body, each the sum of weighted skin vertices and joints."""
 
-    Attributes:
-        name: of the set.
-        names: one per point.
-        vertex: (vertex,) int, the skin's vertices that it uses.
-        vertex_weight: (point, vertex) float64.
-        joint_weight: (point, joint) float64.
-        carrier: (point,) int, the joint that carries the rest body's point rigidly; -1 for one that follows the skin.
-        counterpart: (point,) int, the body's joint that the point is another definition of; -1 for none.
-    """
-
-    name: str
-    names: tuple[str, ...]
-    vertex: np.ndarray
-    vertex_weight: np.ndarray
-    joint_weight: np.ndarray
+    name: str  # of the set
+    names: tuple[str, ...]  # one per point
+    vertex: np.ndarray  # (vertex,) int, the skin's vertices that it uses
+    vertex_weight: np.ndarray  # (point, vertex) float64
+    joint_weight: np.ndarray  # (point, joint) float64
+    # (point,) int, the joint that carries the rest body's point rigidly; -1 for one that follows the skin.
     carrier: np.ndarray
-    counterpart: np.ndarray
+    counterpart: np.ndarray  # (point,) int, the body's joint that the point is another definition of; -1 for none
 
     def at_rest(self, body: BodyModel) -> np.ndarray:
         """The points of the body in its bind pose, (point, 3) float64 [m]."""
@@ -145,13 +136,7 @@ def _vertices(value: Any) -> list[int]:
 
 
 class _Rows:
-    """Fills the matrices of a set, a point a row.
-
-    Args:
-        body: whose points they are.
-        landmarks: vertices by a landmark's name.
-        source: what errors name.
-    """
+    """Fills the matrices of a set, a point of the body a row, by landmarks' vertices; errors name ``source``."""
 
     def __init__(self, body: BodyModel, landmarks: Mapping[str, list[int]], source: object) -> None:
         self._skeleton, self._count = body.skeleton, len(body.skin.rest)

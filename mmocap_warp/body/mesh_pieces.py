@@ -12,15 +12,10 @@ from mmocap_warp.body.skeleton import Skeleton
 
 @dataclass(frozen=True)
 class MeshPiece:
-    """Some triangles of a mesh and the vertices that they need.
+    """Some triangles of a mesh and the vertices that they need."""
 
-    Attributes:
-        vertex: (n,) int32, numbers of vertices.
-        face: (m, 3) int32, corners as numbers of the whole mesh's vertices.
-    """
-
-    vertex: np.ndarray
-    face: np.ndarray
+    vertex: np.ndarray  # (n,) int32, numbers of vertices
+    face: np.ndarray  # (m, 3) int32, corners as numbers of the whole mesh's vertices
 
 
 def split_mesh(mesh: SkinMesh, skeleton: Skeleton, index: np.ndarray) -> tuple[MeshPiece, MeshPiece]:
@@ -72,11 +67,7 @@ def _paired_one_by_one(start: np.ndarray, end: np.ndarray, triangle: np.ndarray)
 
 
 def is_closed(face: np.ndarray) -> bool:
-    """Whether every edge joins exactly two faces that run along it in opposite senses.
-
-    Args:
-        face: (face, corner) int.
-    """
+    """Whether every edge joins exactly two of the faces (face, corner), which run along it in opposite senses."""
     edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2)
     edge, count = np.unique(edge, axis=0, return_counts=True)
     backward = np.unique(edge[:, ::-1], axis=0)

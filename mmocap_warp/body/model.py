@@ -18,19 +18,12 @@ _PERSON = 1.2  # extent of a body that counts as large as a person [m]
 
 @dataclass(frozen=True)
 class SkinMesh:
-    """A mesh bound to the joints.
+    """A mesh bound to the joints."""
 
-    Attributes:
-        rest: (vertex, 3) float32, bind-pose positions in body space [m].
-        face: (face, 3) or (face, 4) int32, counter-clockwise seen from outside.
-        joint: (vertex, 4) int32, influencing joints.
-        weight: (vertex, 4) float32, their weights, summing to one; unused slots have weight 0 and joint 0.
-    """
-
-    rest: np.ndarray
-    face: np.ndarray
-    joint: np.ndarray
-    weight: np.ndarray
+    rest: np.ndarray  # (vertex, 3) float32, bind-pose positions in body space [m]
+    face: np.ndarray  # (face, 3) or (face, 4) int32, counter-clockwise seen from outside
+    joint: np.ndarray  # (vertex, 4) int32, influencing joints
+    weight: np.ndarray  # (vertex, 4) float32, their weights, summing to one; unused slots have weight 0 and joint 0
 
     @cached_property
     def heaviest_joint(self) -> np.ndarray:
@@ -207,15 +200,10 @@ def joint_transforms(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np
 
 @dataclass(frozen=True, eq=False)
 class BodyMotion:
-    """Poses of a body at even times, in the body's own space: its root's base is the identity.
+    """Poses of a body at even times, in the body's own space: its root's base is the identity."""
 
-    Attributes:
-        fps: frames per second.
-        pose: (frame, coordinate) float64 [m, rad].
-    """
-
-    fps: float
-    pose: np.ndarray
+    fps: float  # frames per second
+    pose: np.ndarray  # (frame, coordinate) float64 [m, rad]
 
 
 def motion_named(name: str, motions: Mapping[str, BodyMotion], body_file: Path) -> BodyMotion:

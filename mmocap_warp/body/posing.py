@@ -60,13 +60,7 @@ def _repeat(values: np.ndarray, copies: int) -> np.ndarray:
 
 
 class Poser:
-    """Poses a body in the world.
-
-    Args:
-        body: the body.
-        root_base: (3, 3), world from body axes at zero root rotation.
-        device: a Warp device.
-    """
+    """Poses a body on a Warp device; ``root_base`` (3, 3) is the world from body axes at zero root rotation."""
 
     def __init__(self, body: BodyModel, root_base: np.ndarray, device: str = "cpu") -> None:
         self._device = device

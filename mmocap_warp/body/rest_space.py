@@ -50,12 +50,9 @@ class RestSpace:
     Joints that mirror each other share their parameters, such as ``bone.LKnee+RKnee`` (:func:`mirrored_joints`).
     A rigid body has no parameters: it is as it is.
     Attached things are carried along by the joints that they hang on, and keep their size.
-
-    Attributes:
-        body: the body at ``beta = 0``.
     """
 
-    body: BodyModel
+    body: BodyModel  # the body at ``beta = 0``
 
     @cached_property
     def _columns(self) -> tuple[_Column, ...]:
@@ -130,11 +127,9 @@ class RestSpace:
         return self._parts[key]
 
     def at(self, beta: np.ndarray, vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """The rest body of some parameters, float64 [m]: vertices (vertex, 3) and joint centres (joint, 3).
+        """The rest body of parameters (parameter,), float64 [m]: vertices (vertex, 3) and joint centres (joint, 3).
 
-        Args:
-            beta: (parameter,).
-            vertex: (vertex,) full-mesh vertices that are wanted, such as ``body.tracking_vertex``; all where omitted.
+        Of the full mesh's vertices those of ``vertex`` are wanted, such as ``body.tracking_vertex``; all where omitted.
         """
         if self.body.rigid:
             rest = self.body.skin.rest if vertex is None else self.body.skin.rest[vertex]
@@ -151,12 +146,7 @@ class RestSpace:
         return grown + (1 - scale) * unscaled if self.body.skeleton.attached else grown
 
     def basis(self, beta: np.ndarray, vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of :meth:`at` by the parameters: (parameter, vertex, 3) and (parameter, joint, 3), float64.
-
-        Args:
-            beta: (parameter,).
-            vertex: as in :meth:`at`.
-        """
+        """Derivatives of :meth:`at` by the parameters: (parameter, vertex, 3) and (parameter, joint, 3), float64."""
         rest, joint = self.at(beta, vertex)
         if self.body.rigid:
             return np.zeros((0, *rest.shape)), np.zeros((0, *joint.shape))

@@ -41,14 +41,10 @@ class ShapeSpace:
 
     A slider pairs ``<name>_incr`` (positive values) with ``<name>_decr`` (negative ones); any other target is a
     slider of its own that has no negative side.
-
-    Attributes:
-        body: the body at all sliders zero.
-        up: the world's up axis.
     """
 
-    body: BodyModel
-    up: str
+    body: BodyModel  # the body at all sliders zero
+    up: str  # the world's up axis
 
     @cached_property
     def sliders(self) -> tuple[tuple[str, str, str | None], ...]:

@@ -35,39 +35,28 @@ class Skeleton:
     A **sliding** joint does not turn: its three coordinates are by how much it is shifted along its axes [m]. Together
     with a joint that turns it holds what is free in space.
 
-    Attributes:
-        joints: names, valid as USD prim names, all different.
-        parent: (joint,) number of each joint's parent; parents come first, the root's is -1.
-        frame: (joint, 3, 3) float32, columns are the joint's axes in body space.
-        limits: (joint, axis, 2) float32, lowest and highest angle from the zero pose [rad]; infinite where free.
-        spread: (joint,) float64, how far the angles usually are from the zero pose when a recording starts, as a
-            standard deviation [rad].
-        models: searched coordinates (dof,) int32, ascending, of each model, by how many of them are the body's own,
-            those of attached joints left out; the first is the default.
-        parts: names of the steps of a hierarchical search, in their order.
-        part: (joint,) the step that searches each joint; the root's also searches the translation.
-        pairs: joints that mirror each other; the ones that errors are taken over, where there are any.
-        sliding: names of the joints that slide; their limits and spread are lengths [m].
-        attached: names of joints that are no part of the body but carry a rigid thing of known size, such as a racket.
-            None but attached joints hang on them.
-        stands: whether the body's +Y points up, about, when a recording starts; a hand's points anywhere.
-
     Raises:
-        ValueError: any of these does not hold.
+        ValueError: what is said of a field does not hold.
     """
 
-    joints: tuple[str, ...]
-    parent: tuple[int, ...]
-    frame: np.ndarray
-    limits: np.ndarray
+    joints: tuple[str, ...]  # names, valid as USD prim names, all different
+    parent: tuple[int, ...]  # (joint,) number of each joint's parent; parents come first, the root's is -1
+    frame: np.ndarray  # (joint, 3, 3) float32, columns are the joint's axes in body space
+    limits: np.ndarray  # (joint, axis, 2) float32, lowest and highest angle from the zero pose [rad]; infinite if free
+    # (joint,) float64, how far the angles usually are from the zero pose when a recording starts, as a standard
+    # deviation [rad].
     spread: np.ndarray
+    # Searched coordinates (dof,) int32, ascending, of each model, by how many of them are the body's own, those of
+    # attached joints left out; the first is the default.
     models: dict[int, np.ndarray]
-    parts: tuple[str, ...]
-    part: tuple[int, ...]
-    pairs: tuple[Pair, ...] = ()
-    sliding: tuple[str, ...] = ()
+    parts: tuple[str, ...]  # names of the steps of a hierarchical search, in their order
+    part: tuple[int, ...]  # (joint,) the step that searches each joint; the root's also searches the translation
+    pairs: tuple[Pair, ...] = ()  # joints that mirror each other; errors are taken over them where there are any
+    sliding: tuple[str, ...] = ()  # names of the joints that slide; their limits and spread are lengths [m]
+    # Names of joints that are no part of the body but carry a rigid thing of known size, such as a racket. None but
+    # attached joints hang on them.
     attached: tuple[str, ...] = ()
-    stands: bool = True
+    stands: bool = True  # whether the body's +Y points up, about, when a recording starts; a hand's points anywhere
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -224,8 +213,7 @@ class Skeleton:
     def searched(self, model: int | None = None) -> np.ndarray:
         """Coordinates that a model searches, (dof,) int32, ascending.
 
-        Args:
-            model: its number of degrees of freedom; the default model where omitted.
+        A model is known by its number of degrees of freedom; it is the default one where omitted.
 
         Raises:
             ValueError: no such model.

@@ -43,17 +43,11 @@ _STANDING = 0.8  # extent of somebody who stands over that of the body at rest, 
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What a look showed.
+    """What a look showed."""
 
-    Attributes:
-        problem: why no body can be tracked; None where nothing speaks against it.
-        remedy: what to do about the problem.
-        doubts: what may be wrong, a sentence each.
-    """
-
-    problem: str | None = None
-    remedy: str = ""
-    doubts: tuple[str, ...] = ()
+    problem: str | None = None  # why no body can be tracked; None where nothing speaks against it
+    remedy: str = ""  # what to do about the problem
+    doubts: tuple[str, ...] = ()  # what may be wrong, a sentence each
 
 
 def look(
@@ -109,17 +103,11 @@ def look(
 
 @dataclass(frozen=True, eq=False)
 class FewViews:
-    """A few frames of a scene, in images that are large enough to compare the views where the recording has such.
+    """A few frames of a scene, in images that are large enough to compare the views where the recording has such."""
 
-    Attributes:
-        rig: the cameras at the masks' size.
-        frames: per frame and camera (height, width) bool.
-        compared: what is compared of each frame.
-    """
-
-    rig: CameraRig
-    frames: Sequence[list[np.ndarray]]
-    compared: list[Silhouettes]
+    rig: CameraRig  # the cameras at the masks' size
+    frames: Sequence[list[np.ndarray]]  # per frame and camera (height, width) bool
+    compared: list[Silhouettes]  # what is compared of each frame
 
     @property
     def diameter(self) -> float:

@@ -56,17 +56,11 @@ _POSES = {
 
 @dataclass(frozen=True)
 class Mistake:
-    """A mistake that one repair puts right.
+    """A mistake that one repair puts right."""
 
-    Attributes:
-        cameras: which have it; None for all. Two that are exchanged.
-        cause: ``MIRRORED``, ``SWAPPED``, ``IMAGE_SIZE``, or another one of this module.
-        size: of the images over those that were calibrated, where that is the cause.
-    """
-
-    cameras: tuple[str, ...] | None
-    cause: str
-    size: float | None = None
+    cameras: tuple[str, ...] | None  # which have it; None for all. Two that are exchanged.
+    cause: str  # ``MIRRORED``, ``SWAPPED``, ``IMAGE_SIZE``, or another one of this module
+    size: float | None = None  # of the images over those that were calibrated, where that is the cause
 
     def __str__(self) -> str:
         """The mistake and what to do about it, for people."""
@@ -82,21 +76,14 @@ class Mistake:
 
 @dataclass(frozen=True, eq=False)
 class Silhouettes:
-    """What is compared of a frame's masks.
+    """What is compared of a frame's masks."""
 
-    Attributes:
-        seeing: the cameras that see somebody.
-        masks: per camera (height, width) bool, grown by a pixel, so that thin limbs and small errors do not count.
-        centroids: (camera, 2) [px]; NaN where there is nobody, as below.
-        pixels: per camera (n, 2), some of the foreground's.
-        diameters: (camera,) of the circles about the masks' largest pieces [px].
-    """
-
-    seeing: list[int]
+    seeing: list[int]  # the cameras that see somebody
+    # Per camera (height, width) bool, grown by a pixel, so that thin limbs and small errors do not count.
     masks: list[np.ndarray]
-    centroids: np.ndarray
-    pixels: list[np.ndarray]
-    diameters: np.ndarray
+    centroids: np.ndarray  # (camera, 2) [px]; NaN where there is nobody, as below
+    pixels: list[np.ndarray]  # per camera (n, 2), some of the foreground's
+    diameters: np.ndarray  # (camera,) of the circles about the masks' largest pieces [px]
 
     @classmethod
     def of(cls, masks: Masks) -> Silhouettes:
@@ -125,16 +112,12 @@ class Silhouettes:
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How well views agree.
+    """How well views agree."""
 
-    Attributes:
-        explained: (camera,) share of its masks that the hull of the others explains, the median over frames; NaN where
-            it never sees anybody.
-        extent: of the subject, as the views see it [m]; NaN where they do not meet.
-    """
-
+    # (camera,) share of its masks that the hull of the others explains, the median over frames; NaN where it never sees
+    # anybody.
     explained: np.ndarray
-    extent: float
+    extent: float  # of the subject, as the views see it [m]; NaN where they do not meet
 
     @property
     def share(self) -> float:
@@ -174,10 +157,7 @@ def agreement(rig: CameraRig, frames: Sequence[Silhouettes]) -> Agreement:
 def find_mistake(rig: CameraRig, frames: Sequence[Silhouettes], now: Agreement) -> Mistake | None:
     """The mistake after whose repair the views agree; None where they do as it is, or no repair helps.
 
-    Args:
-        rig: undistorted cameras.
-        frames: masks.
-        now: how well they agree as they are.
+    The cameras are undistorted; ``now`` is how well they agree as they are.
     """
     two = max((len(frame.seeing) for frame in frames), default=0) == 2
     if now.share > (_SURE_TWO_VIEWS if two else _SURE):

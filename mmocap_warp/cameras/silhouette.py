@@ -22,12 +22,9 @@ def intersection_over_union(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def silhouette(pixels: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """The filled outline of a projected mesh, (height, width) uint8 of 0 and 255.
+    """The filled outline of a projected mesh, (height, width) uint8 of 0 and 255, of a ``size`` of width and height.
 
-    Args:
-        pixels: (vertex, 2) projected vertices [px]; faces with a vertex that is not finite are left out.
-        faces: (face, 3) triangles.
-        size: width and height.
+    Faces (face, 3) with a vertex that is not finite are left out of the projected vertices (vertex, 2) [px].
     """
     image = np.zeros((size[1], size[0]), np.uint8)
     reach = 8.0 * max(size)  # keeps fixed-point coordinates of what lies far outside from overflowing

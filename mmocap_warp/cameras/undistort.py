@@ -22,16 +22,11 @@ class Undistortion:
 
     A pixel is the mean of ``oversampling`` x ``oversampling`` bilinear samples on an even grid over its area: a box
     filter as wide as the pixel, so nothing is skipped when shrinking.
-
-    Attributes:
-        oversampling: samples per pixel and axis.
-        position: OpenCV's fixed-point map of the samples.
-        fraction: its fractional part.
     """
 
-    oversampling: int
-    position: np.ndarray
-    fraction: np.ndarray
+    oversampling: int  # samples per pixel and axis
+    position: np.ndarray  # OpenCV's fixed-point map of the samples
+    fraction: np.ndarray  # its fractional part
 
     @cached_property
     def _keeps_pixels(self) -> bool:

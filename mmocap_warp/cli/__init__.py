@@ -58,8 +58,7 @@ class Terminated(KeyboardInterrupt):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; errors become one line on stderr.
 
-    Args:
-        argv: the arguments after the program's name; those of the process where omitted.
+    Without ``argv``, the arguments after the program's name, those of the process count.
     """
     gc.set_threshold(10_000, 20, 50)  # what is imported is no garbage, and looking through it is a fifth of a start
     tokens = sys.argv[1:] if argv is None else list(argv)
@@ -87,11 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 class _Messages:
-    """Standard error, or nothing once it cannot be written: a run does not end for want of somebody who reads.
-
-    Args:
-        stream: what is written to.
-    """
+    """Standard error, or nothing once it cannot be written: a run does not end for want of somebody who reads."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream

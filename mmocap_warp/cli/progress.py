@@ -1,4 +1,4 @@
-"""Progress on stderr, of a run and of a study: live on a terminal, a plain line now and then elsewhere."""
+"""Progress on stderr, of a run and of many jobs: live on a terminal, a plain line now and then elsewhere."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rich.text import Text
 from mmocap_warp.commands.caller import Reporter
 
 if TYPE_CHECKING:
-    from mmocap_warp.study.run import Status
+    from mmocap_warp.jobs.job_run import Status
 
 SECONDS_BETWEEN_LINES = 10.0  # how often a line is written where stderr is no terminal
 
@@ -121,11 +121,11 @@ def clock(seconds: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}" if minutes >= 60 else f"{minutes}:{rest:02d}"
 
 
-class StudyProgress(_Display, Reporter):
-    """Shows what every worker of a study does, cells done, the rate and the time left; used as a context."""
+class JobsProgress(_Display, Reporter):
+    """Shows what every worker of many jobs does, jobs done, the rate and the time left; used as a context."""
 
     _live: Live | None = None
-    _shown_done = -1  # cells, when the study was shown before
+    _shown_done = -1  # jobs, when they were shown before
 
     def _on_terminal(self, console: RichConsole) -> Live:
         return Live(console=console, transient=True, refresh_per_second=2, redirect_stdout=False)
@@ -140,18 +140,18 @@ class StudyProgress(_Display, Reporter):
     warn = note
 
     def show(self, status: Status) -> None:
-        """Show where the study stands."""
+        """Show where the run stands."""
         if self._live is not None:
             self._live.update(Group(_seats(status), Text(f"{self._name}: {headline(status)}")))
             return
         done, before = status.reused + status.finished, self._shown_done
         self._shown_done = done
-        self._print(headline(status), is_last=done == status.cells != before)
+        self._print(headline(status), is_last=done == status.jobs != before)
 
 
 def headline(status: Status) -> str:
-    """Cells done, rate and time left in one line."""
-    parts = [f"{status.reused + status.finished}/{status.cells} cells"]
+    """Jobs done, rate and time left in one line."""
+    parts = [f"{status.reused + status.finished}/{status.jobs} {status.noun}s"]
     if status.failures:
         parts.append(f"{len(status.failures)} failed")
     if status.unstored:
@@ -170,11 +170,11 @@ def _seats(status: Status) -> Table:
     table = Table(box=None, padding=(0, 1), show_header=False)
     for seat in status.seats:
         advance = seat.advance
-        if seat.cell is None:
+        if seat.task is None:
             table.add_row(seat.name, "waits", "", "")
         elif advance is None:
-            table.add_row(seat.name, str(seat.cell), "starts", "")
+            table.add_row(seat.name, str(seat.task.name), "starts", "")
         else:
             bar = ProgressBar(total=advance.total, completed=advance.done, width=20)
-            table.add_row(seat.name, str(seat.cell), bar, f"{advance.stage} {advance.done}/{advance.total}")
+            table.add_row(seat.name, str(seat.task.name), bar, f"{advance.stage} {advance.done}/{advance.total}")
     return table

@@ -1,4 +1,4 @@
-"""``mmocap study``: trackers compared over a grid of sequences, models and budgets. ``mmocap bench``: their speed."""
+"""``mmocap batch``: many recordings. ``mmocap study``: trackers compared on a grid. ``mmocap bench``: their speed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
-from itertools import groupby
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Annotated, Any
@@ -57,6 +56,21 @@ _LEGEND = (
 _ROW = ("clip", "purpose", "degradation", "start", "tracker")  # what a line of the table is about
 
 
+@command("batch:batch", order="steps plan output")
+def batch(call: Any, console: Console) -> Answer:
+    from mmocap_warp.cli.progress import JobsProgress
+
+    with JobsProgress("batch", quiet=console.quiet) as progress:
+        done = call(show=progress.show, reporter=progress)
+    failed = [{"scene": name, "problem": problem} for name, problem in done.failures.items()]
+    values = {"page": done.page, **attributes(done.status, finished_before="reused", finished_now="finished")}
+    values |= {"seconds": done.status.seconds, "failed": failed, "scenes": done.trials}
+    total = len(done.trials) + len(failed)
+    lines = [f"{done.page}: {len(done.trials)} of {total} scenes, {done.status.finished} of them new"]
+    lines += ["missing: {scene}: {problem}".format(**each) for each in failed]
+    return Answer(values, lines, FAILURE if failed else OK)
+
+
 @app.command(help="Write shipped sequences as scenes, to look at or to track on their own.", sort_key=0)
 @command("clips:make_sequences", sequences=several("--sequence"))
 def make(call: Any) -> Answer:
@@ -67,7 +81,7 @@ def make(call: Any) -> Answer:
 @app.command(help=COMMANDS["study run"]["help"], sort_key=1)
 @command("studies:run_study")
 def run(call: Any, console: Console, study: Path) -> Answer:
-    from mmocap_warp.cli.progress import StudyProgress
+    from mmocap_warp.cli.progress import JobsProgress
     from mmocap_warp.study.definition import load_study
 
     loaded = load_study(study)
@@ -75,7 +89,7 @@ def run(call: Any, console: Console, study: Path) -> Answer:
     with (
         open(os.devnull, "w") as nowhere,
         redirect_stdout(sys.stderr if console.debug else nowhere),
-        StudyProgress(loaded.name, quiet=console.quiet) as progress,
+        JobsProgress(loaded.name, quiet=console.quiet) as progress,
     ):
         done = call(study=loaded, show=progress.show, reporter=progress)
     values = _values(done)
@@ -89,7 +103,7 @@ def _values(done: StudyRun) -> dict[str, Any]:
     return {
         "study": done.name,
         "folder": done.folder,
-        **attributes(status, "cells", finished_before="reused", finished_now="finished"),
+        **attributes(status, cells="jobs", finished_before="reused", finished_now="finished"),
         "failed": [{"cell": str(cell), "problem": problem} for cell, problem in sorted(status.failures.items())],
         **attributes(status, "seconds", "evaluations", evaluations_per_second="rate"),
         "paper_grid_hours": GRID_EVALUATIONS / status.rate / 3600.0 if status.rate else None,
@@ -100,9 +114,9 @@ def _values(done: StudyRun) -> dict[str, Any]:
 def _text(values: dict[str, Any]) -> str:
     done, before = values["finished_now"], values["finished_before"]
     lines = [f"{values['folder']}: {done + before} of {values['cells']} cells, {done} of them new"]
-    if values["evaluations_per_second"]:
-        rate, hours = values["evaluations_per_second"], values["paper_grid_hours"]
-        lines.append(f"{rate:,.0f} evaluations/s; at that rate the paper's study (2.0e10) takes {hours:,.1f} hours")
+    if rate := values["evaluations_per_second"]:
+        hours = f"{values['paper_grid_hours']:,.1f} hours"
+        lines.append(f"{rate:,.0f} evaluations/s; at that rate the paper's study (2.0e10) takes {hours}")
     rows = [("preset", "evaluations", "DOF", "algorithm", *(title for title, *_ in _COLUMNS.values()))]
     for row in values["results"]:
         cells = ((row[key], form, unit) for key, (_, form, unit) in _COLUMNS.items())
@@ -113,10 +127,8 @@ def _text(values: dict[str, Any]) -> str:
     reasons: dict[str, list[str]] = {}
     for failure in values["failed"]:
         reasons.setdefault(failure["problem"], []).append(failure["cell"])
-    missing = [
-        f"missing: {', '.join(names) if len(names) <= _MAX_NAMED else f'{len(names)} cells'}: {problem}"
-        for problem, names in reasons.items()
-    ]
+    few = {why: ", ".join(of) if len(of) <= _MAX_NAMED else f"{len(of)} cells" for why, of in reasons.items()}
+    missing = [f"missing: {names}: {why}" for why, names in few.items()]
     return "\n".join([*lines, *(["", *missing, "run the study again to track what is missing"] if missing else [])])
 
 
@@ -133,14 +145,13 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
     from mmocap_warp.study.store import read_results
 
     rows, damaged = [], []
+    names = ("study", "host", "device", "started", "wall_seconds", "versions", "code")
     for result in read_results(folder):
         if isinstance(result, InputError):
             damaged.append(str(result))
             continue
-        runs, frames = len(result.seeds), len(result.frames)
-        names = ("study", "host", "device", "started", "wall_seconds", "versions", "code")
-        made = {name: result.meta.get(name) for name in names}
-        rows.append({"cell": str(result.cell), "runs": runs, "frames": frames} | made)
+        about = {"cell": str(result.cell), "runs": len(result.seeds), "frames": len(result.frames)}
+        rows.append(about | {name: result.meta.get(name) for name in names})
     lines = ["{cell}, {runs} runs of {frames} frames, {device}, {host}".format(**row) for row in rows]
     lines += [f"damaged: {problem}" for problem in damaged]
     lines.append(f"{folder}: {len(rows)} results, {len(damaged)} damaged")
@@ -186,22 +197,15 @@ def ablate(call: Any, console: Console, folder: Path) -> Answer:
 
 def _ablation_table(rows: list[dict[str, Any]]) -> str:
     """A line per clip, degradation and tracker, over the seeds."""
-
-    def which(row: dict[str, Any]) -> tuple[str, ...]:
-        return tuple(row["cell"][name] for name in _ROW)
-
+    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row["cell"][name] for name in _ROW), []).append(row["measures"])
     lines = [("clip", "for", "degradation", "start", "tracker", "seeds", *(title for title, *_ in _ABLATED.values()))]
-    place = {row: i for i, row in enumerate(dict.fromkeys(map(which, rows)))}
-    for key, group in groupby(sorted(rows, key=lambda row: place[which(row)]), which):
-        seeds = [row["measures"] for row in group]
-        values = [_over_seeds([one[name] for one in seeds], kind, how) for name, (_, kind, how) in _ABLATED.items()]
+    for key, seeds in groups.items():
+        known = {name: [one[name] for one in seeds if one[name] is not None] for name in _ABLATED}
+        values = [format(how(known[name]), kind) if known[name] else "-" for name, (_, kind, how) in _ABLATED.items()]
         lines.append((*key, str(len(seeds)), *values))
     return f"{table(lines, left=len(_ROW))}\n\n{_LEGEND}"
-
-
-def _over_seeds(values: list[float | None], kind: str, how: Callable[[list[float]], float]) -> str:
-    known = [value for value in values if value is not None]
-    return format(how(known), kind) if known else "-"
 
 
 @bench_app.default

@@ -16,8 +16,7 @@ from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.toml_table import Table, config_from_table
 from mmocap_warp.study import ablation
 from mmocap_warp.study.ablation import REPORTING, STARTS, TUNING, AblationCell, track_with_seed
-from mmocap_warp.study.degradations import NONE, parse
-from mmocap_warp.study.sequence_scene import write_people, write_sequence
+from mmocap_warp.study.degradations import NONE, parse, write_people, write_sequence
 from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS, SEQUENCES, clip_sequence
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.store import open_folder

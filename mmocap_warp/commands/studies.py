@@ -10,49 +10,36 @@ from typing import Any
 
 from mmocap_warp.bench import report_file, suite
 from mmocap_warp.bench.suite import PEERS, missing
-from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
+from mmocap_warp.commands.caller import Reporter, start_warp
+from mmocap_warp.commands.engines import engine_of
 from mmocap_warp.commands.outputs import lock, new_file, new_folder, releases_locks
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.study import run
+from mmocap_warp.jobs.job_run import Status, run_jobs
 from mmocap_warp.study.baselines import baselines
 from mmocap_warp.study.cell import CellResult, read_cell
 from mmocap_warp.study.definition import Study, load_study
-from mmocap_warp.study.engines.engine import Engine
-from mmocap_warp.study.job import device_kind
+from mmocap_warp.study.job import Worker
 from mmocap_warp.study.report_build import clips_of, write_report
 from mmocap_warp.study.report_setting import mixture
-from mmocap_warp.study.run import Status
-from mmocap_warp.study.store import Task, keep_earlier_cells, open_folder, plan_tasks, read_results
+from mmocap_warp.study.store import CellTask, keep_earlier_cells, open_folder, plan_tasks, read_results
 from mmocap_warp.study.summary import StudySummary, seconds_alone, summarise, with_typical_pose
 
-SUMMARY = {
-    "mpjpe": "mpjpe_mm",
-    "eq20_as_printed": "eq20_as_printed_mm",
-    "marker_error": "marker_error_mm",
-    "iou": "iou",
-    "shake": "shake_mm",
-    "growth": "growth",
-}
+SUMMARY = {name: f"{name}_mm" for name in ("mpjpe", "eq20_as_printed", "marker_error", "iou", "shake", "growth")}
+SUMMARY |= {"iou": "iou", "growth": "growth"}
 """The measures of a tracker's summary, and their keys there."""
 
 
 @dataclass(frozen=True)
 class StudyRun:
-    """Where a study stands after a run.
+    """Where a study stands after a run."""
 
-    Attributes:
-        name: the study's.
-        folder: of its results.
-        status: what was tracked, and what is missing.
-        results: of every tracker whose sequences are all there: its preset, evaluations, dof, algorithm, and the means
-            over sequences, seeds and frames of the measures in ``SUMMARY``.
-    """
-
-    name: str
-    folder: Path
-    status: Status
+    name: str  # the study's
+    folder: Path  # of its results
+    status: Status  # what was tracked, and what is missing
+    # of every tracker whose sequences are all there: its preset, evaluations, dof, algorithm, and the means over
+    # sequences, seeds and frames of the measures in ``SUMMARY``
     results: list[dict[str, Any]]
 
 
@@ -99,14 +86,12 @@ def run_study(
         InputError: a study that is wrong, or a folder that cannot be used.
     """
     loaded = study if isinstance(study, Study) else load_study(Path(study))
-    if engine not in ("local", "ray"):
-        raise UsageError(f"--engine must be local or ray, got '{engine}'")
     if poses not in ("all", "typical"):
         raise UsageError(f"--poses must be all or typical, got '{poses}'")
     if minutes is not None and not minutes > 0:
         raise UsageError(f"--minutes must be positive, got {minutes:g}")
     start_warp()
-    kind, start = _local_engine(device, threads) if engine == "local" else _ray_engine(address, workers, gpus)
+    kind, start = engine_of(Worker, engine, device, threads, address, workers, gpus)
     # A study that is wrong leaves no folder.
     folder = Path(output or loaded.name)
     tasks = plan_tasks(loaded, folder, kind)
@@ -118,10 +103,10 @@ def run_study(
 
     spent = 0.0  # seconds that earlier calls took of those that the run may take
 
-    def track(chosen: list[Task]) -> Status:
+    def track(chosen: list[CellTask]) -> Status:
         nonlocal spent
         left = None if seconds is None else max(0.0, seconds - spent)
-        status = run.run_study(chosen, start, show or (lambda status: None), warn, left, **keep)
+        status = run_jobs(chosen, start, show or (lambda status: None), warn, left, **keep)
         spent += status.seconds
         return status
 
@@ -131,63 +116,34 @@ def run_study(
     return StudyRun(loaded.name, folder, status, _summaries(tasks))
 
 
-def _local_engine(device: str, threads: int | None) -> tuple[str, Callable[[], Engine]]:
-    """The kind of this machine's devices, and what starts a process on each."""
-    from mmocap_warp.study.engines.local import LocalEngine, local_devices
-
-    with arguments_checked():
-        devices = local_devices(device)
-    return device_kind(devices[0]), lambda: LocalEngine(devices, threads)
-
-
-def _ray_engine(address: str, workers: int | None, gpus: float) -> tuple[str, Callable[[], Engine]]:
-    """The kind of a cluster's devices, and what starts its workers."""
-    from mmocap_warp.study.engines.ray import RayEngine, join_cluster, share_cluster
-
-    head = join_cluster(address)
-    with arguments_checked():
-        shares = share_cluster(workers, gpus)
-    return shares.device_kind, lambda: RayEngine(head, shares)
-
-
-def _summaries(tasks: list[Task]) -> list[dict[str, Any]]:
+def _summaries(tasks: list[CellTask]) -> list[dict[str, Any]]:
     """Means over sequences, seeds and frames, for every tracker whose sequences are all there."""
-    groups: dict[tuple, list[Task]] = {}
+    groups: dict[tuple, list[CellTask]] = {}
     for task in tasks:
-        cell = task.cell
+        cell = task.job.cell
         groups.setdefault((cell.preset, cell.evaluations, cell.dof, cell.algorithm), []).append(task)
     rows = []
-    for (preset, evaluations, dof, algorithm), members in groups.items():
-        if not all(task.path.exists() for task in members):
-            continue
-        runs = [summarise(read_cell(task.path)).runs for task in members]
-        row = {"preset": preset, "evaluations": evaluations, "dof": dof, "algorithm": algorithm}
-        for measure, key in SUMMARY.items():
-            means = [float(of[measure].mean()) for of in runs if measure in of]
-            row[key] = sum(means) / len(means) if len(means) == len(runs) else None
-        rows.append(row)
+    for key, members in groups.items():
+        if all(task.path.exists() for task in members):
+            row = dict(zip(("preset", "evaluations", "dof", "algorithm"), key, strict=True))
+            runs = [summarise(read_cell(task.path)).runs for task in members]
+            for measure, name in SUMMARY.items():
+                means = [float(of[measure].mean()) for of in runs if measure in of]
+                row[name] = sum(means) / len(means) if len(means) == len(runs) else None
+            rows.append(row)
     return rows
 
 
 @dataclass(frozen=True)
 class StudyReport:
-    """A study's report that was written.
+    """A study's report that was written."""
 
-    Attributes:
-        page: the HTML page.
-        tables: its tables as text.
-        cells: a ``.csv`` with a line for each cell.
-        count: of the results in it.
-        left_out: results that could not be read, a sentence each.
-        mixed_code: what the results' code has in it that differs; empty if all are of one state.
-    """
-
-    page: Path
-    tables: Path
-    cells: Path
-    count: int
-    left_out: list[str]
-    mixed_code: str
+    page: Path  # the HTML page
+    tables: Path  # its tables as text
+    cells: Path  # a ``.csv`` with a line for each cell
+    count: int  # of the results in it
+    left_out: list[str]  # results that could not be read, a sentence each
+    mixed_code: str  # what the results' code has in it that differs; empty if all are of one state
 
 
 @releases_locks

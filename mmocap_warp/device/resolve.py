@@ -41,6 +41,11 @@ def resolve_device(name: str) -> str:
     return wanted
 
 
+def device_kind(device: str) -> str:
+    """``cpu`` or ``cuda``: results of one kind are the same bits on any number of such devices."""
+    return "cpu" if resolve_device(device) == "cpu" else "cuda"
+
+
 def free_memory(device: str) -> int | None:
     """Bytes that a device has left; None where nothing tells."""
     if device != "cpu":

@@ -150,13 +150,10 @@ def dots(x: Axis, y: Axis, points: Iterable[Place], radius: float = 3.2) -> str:
 
 
 def box(spread: Sequence[float] | np.ndarray, y: Axis, centre: float, width: float) -> tuple[str, str]:
-    """Path data of a box with its whiskers, and of its median.
+    """Path data of a box of some ``centre`` and ``width`` with its whiskers, and of its median, on the axis ``y``.
 
-    Args:
-        spread: minimum, lower quartile, median, upper quartile and maximum. A whisker that leaves the axis ends in an
-            arrow.
-        y: the axis.
-        centre, width: of the box, across.
+    Its ``spread`` is minimum, lower quartile, median, upper quartile and maximum. A whisker that leaves the axis ends
+    in an arrow.
     """
     least, lower, median, upper, most = (y.at(value) for value in spread)
     left, half = centre - width / 2, number(width / 2)
@@ -170,11 +167,9 @@ def box(spread: Sequence[float] | np.ndarray, y: Axis, centre: float, width: flo
 
 
 def names_of_curves(ends: Iterable[tuple[str, str, float]], left: float) -> str:
-    """Names beside the ends of curves, moved up where they would overlap.
+    """Names from ``left`` on beside the ends of curves, moved up where they would overlap.
 
-    Args:
-        ends: of each curve its name, its class, and how high it ends.
-        left: where names start.
+    Of each curve ``ends`` has its name, its class, and how high it ends.
     """
     parts, above = [], math.inf
     for name, kind, height in sorted(ends, key=lambda end: -end[2]):

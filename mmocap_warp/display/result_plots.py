@@ -29,7 +29,6 @@ def plot_angles(path: Path, measures: Measures) -> None:
     """Write an SVG with a row for each joint and a panel for each of its angles, left and right in one.
 
     Raises:
-        InputError: the folder cannot be written to.
         ValueError: no angles were measured.
     """
     rows = _by_joint(measures)
@@ -47,11 +46,7 @@ def plot_angles(path: Path, measures: Measures) -> None:
 
 
 def plot_feet(path: Path, measures: Measures) -> None:
-    """Write an SVG with the height of each foot's lowest skin over the floor, and a bar while it stands.
-
-    Raises:
-        InputError: the folder cannot be written to.
-    """
+    """Write an SVG with the height of each foot's lowest skin over the floor, and a bar while it stands."""
     feet, seconds = measures.shown.feet, measures.seconds
     x = _time(seconds, _LEFT, _WIDTH - _RIGHT)
     most = max([1000 * float(foot.height.max()) for foot in feet.values()], default=0.0)
@@ -132,9 +127,6 @@ def plot_report(path: str | Path, report: dict[str, Any]) -> None:
     """Plot a report of ``evaluation.evaluate`` against frame: the error where truth is known, else the cost; and IoU.
 
     Every run is a thin line, their median a thick one; frames without a value are gaps.
-
-    Raises:
-        InputError: the name does not end in ``.svg``, or its folder cannot be written.
     """
     path = Path(path)
     if path.suffix != ".svg":

@@ -156,9 +156,6 @@ def show_subject(
     """Draw a subject in its first pose as a ``.png``, each view cut to the body; without a rig from four sides.
 
     There may be an image and a mask for each camera, as :func:`show` takes them.
-
-    Raises:
-        InputError: another ending, or a folder that cannot be written.
     """
     rig = rig or _rig_around(subject)
     nothing: list[np.ndarray | None] = [None] * len(rig)

@@ -113,9 +113,6 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
 
     Each searched angle is a line along its axis, and an arc from its lowest to its highest value; what slides has a
     line from its lowest to its highest place.
-
-    Raises:
-        InputError: a name that does not end in ``.png``, or a folder that cannot be written to.
     """
     rest = body.tracking.rest.astype(float)
     points = np.concatenate([rest, body.joint_rest, *_slides(body).values()])
@@ -140,12 +137,7 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
 
 
 class _Sheet:
-    """One view: an image, and where points of the body lie in it.
-
-    Args:
-        name: of the view.
-        low, high: (3,) corners of the box that it has to show.
-    """
+    """One view: an image, and where points of the body lie in it; it shows the box from ``low`` to ``high`` (3,)."""
 
     def __init__(self, name: str, low: np.ndarray, high: np.ndarray) -> None:
         self.axes = np.array(_VIEWS[name])

@@ -24,7 +24,6 @@ def write_png(path: str | Path, image: np.ndarray) -> None:
     """Write a gray or BGR picture (uint8), or a mask (bool, as white on black of one bit), whole or not at all.
 
     Raises:
-        InputError: the name does not end in ``.png``, or its folder cannot be written.
         ValueError: an image that PNG cannot hold.
     """
     path = Path(path)
@@ -49,11 +48,7 @@ def encode_png(image: np.ndarray) -> bytes:
 
 
 def write_animation(path: str | Path, frames: Sequence[np.ndarray], seconds: float) -> None:
-    """Write BGR pictures of one size as an endless animated ``.webp``, ``seconds`` each, whole or not at all.
-
-    Raises:
-        InputError: the name does not end in ``.webp``, or its folder cannot be written.
-    """
+    """Write BGR pictures of one size as an endless animated ``.webp``, ``seconds`` each, whole or not at all."""
     path = Path(path)
     if path.suffix != ".webp":
         raise InputError(path, "is not a WebP file name", "end it in .webp")

@@ -82,10 +82,8 @@ def is_number(value: object) -> bool:
 class Table:
     """A TOML table that is emptied key by key; what is left over at the end is unknown.
 
-    Args:
-        values: the table.
-        source: the file it comes from, for messages.
-        name: the table's own name, such as ``cameras.cam01``; empty for the whole file.
+    Messages name the file that it is from, its ``source``, and its own ``name``, such as ``cameras.cam01``, which is
+    empty for the whole file.
     """
 
     def __init__(self, values: dict[str, Any], source: str, name: str) -> None:

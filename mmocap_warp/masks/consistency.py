@@ -25,23 +25,14 @@ _MIN_VIEWS = 4  # number of views that see the subject: the hull of two others h
 
 
 class Consistency:
-    """Makes the masks of each frame consistent, and counts what it changes.
-
-    Args:
-        rig: undistorted pinholes, as the masks.
-
-    Attributes:
-        filled: for each frame, the pixels that were filled in each view.
-        cut: likewise, that were cut.
-        untouched: how many frames stayed as they were because their views contradict each other throughout.
-    """
+    """Makes the masks of undistorted pinholes consistent frame by frame, and counts what it changes."""
 
     def __init__(self, rig: CameraRig) -> None:
         self._rig = rig
         self._small: CameraRig | None = None
-        self.filled: list[list[int]] = []
-        self.cut: list[list[int]] = []
-        self.untouched = 0
+        self.filled: list[list[int]] = []  # for each frame, the pixels that were filled in each view
+        self.cut: list[list[int]] = []  # likewise, that were cut
+        self.untouched = 0  # frames that stayed as they were because their views contradict each other throughout
 
     def __call__(self, masks: list[np.ndarray]) -> list[np.ndarray]:
         """A frame's masks, per camera (height, width) bool, made consistent."""
@@ -72,13 +63,9 @@ class Consistency:
 
 
 class _Views:
-    """A frame's small masks, and the excess of each.
+    """A frame's small masks, per camera (height, width) bool, and the excess of each.
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        masks: per camera (height, width) bool.
-        seen: the cameras that see the subject.
-        depth: of the subject in each camera [m].
+    The cameras of ``rig`` are undistorted pinholes; those in ``seen`` see the subject, at a ``depth`` (camera,) [m].
     """
 
     def __init__(self, rig: CameraRig, masks: list[np.ndarray], seen: list[int], depth: np.ndarray) -> None:

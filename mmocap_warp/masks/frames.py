@@ -20,17 +20,11 @@ _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """Images of one folder, in natural order of their names.
+    """Images of one folder, in natural order of their names."""
 
-    Attributes:
-        path: the folder.
-        files: one per frame.
-        size: width and height [px] of the first; the others must be alike.
-    """
-
-    path: Path
-    files: tuple[Path, ...]
-    size: tuple[int, int]
+    path: Path  # the folder
+    files: tuple[Path, ...]  # one per frame
+    size: tuple[int, int]  # width and height [px] of the first; the others must be alike
     soft = False
 
     def __len__(self) -> int:
@@ -50,21 +44,13 @@ class ImageFolder:
 
 @dataclass(frozen=True)
 class VideoFile:
-    """A video, decoded from its start because seeking is inexact. Its grays are ``soft``: compression blurs them.
+    """A video, decoded from its start because seeking is inexact. Its grays are ``soft``: compression blurs them."""
 
-    Attributes:
-        path: the file.
-        count: frames that the file says it has.
-        size: width and height [px].
-        fps: frames per second that the file says it has.
-        channel: the one of blue, green and red, 0 to 2, that is read; None for all.
-    """
-
-    path: Path
-    count: int
-    size: tuple[int, int]
-    fps: float
-    channel: int | None = None
+    path: Path  # the file
+    count: int  # frames that the file says it has
+    size: tuple[int, int]  # width and height [px]
+    fps: float  # frames per second that the file says it has
+    channel: int | None = None  # the one of blue, green and red, 0 to 2, that is read; None for all
     soft = True
 
     def __len__(self) -> int:

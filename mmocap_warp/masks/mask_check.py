@@ -28,18 +28,13 @@ LITRE = 1e-3  # [m^3]
 
 @dataclass(frozen=True)
 class ViewReport:
-    """What one camera's masks show.
+    """What one camera's masks show."""
 
-    Attributes:
-        area: (frame,) foreground pixels.
-        explained: share of the mask that the other views' hull covers, median over the compared frames; NaN where
-            fewer than two others see the subject.
-        covered: share of the other views' hull that the mask covers, likewise.
-    """
-
-    area: np.ndarray
+    area: np.ndarray  # (frame,) foreground pixels
+    # Share of the mask that the other views' hull covers, median over the compared frames; NaN where fewer than two
+    # others see the subject.
     explained: float
-    covered: float
+    covered: float  # share of the other views' hull that the mask covers, likewise
 
 
 @dataclass(frozen=True)
@@ -58,12 +53,9 @@ class MaskReport:
 
 
 class MaskJudge:
-    """Looks at each frame as it passes.
+    """Looks at each of so many ``frames`` as it passes.
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        frames: how many will come.
-        body_volume: what a body like the subject's holds [m^3].
+    The cameras are undistorted pinholes, as the masks; a body like the subject's has ``body_volume`` [m^3].
     """
 
     def __init__(self, rig: CameraRig, frames: int, body_volume: float) -> None:

@@ -29,17 +29,11 @@ from mmocap_warp.whole_file import MAX_BYTES
 
 @dataclass(frozen=True)
 class MaskImages:
-    """Mask images of a folder or of a tar archive, in natural order of their names.
+    """Mask images of a folder or of a tar archive, in natural order of their names."""
 
-    Attributes:
-        path: the folder or archive.
-        members: a file, or a part of the archive, for each frame.
-        size: width and height [px] of the first; the others must be alike.
-    """
-
-    path: Path
-    members: tuple[Path | TarMember, ...]
-    size: tuple[int, int]
+    path: Path  # the folder or archive
+    members: tuple[Path | TarMember, ...]  # a file, or a part of the archive, for each frame
+    size: tuple[int, int]  # width and height [px] of the first; the others must be alike
     soft = False
 
     def __len__(self) -> int:

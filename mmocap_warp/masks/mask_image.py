@@ -13,19 +13,13 @@ import numpy as np
 
 
 def decode_mask(image: np.ndarray | Labels, identity: int = 0, soft: bool = False) -> np.ndarray:
-    """Boolean mask of an image read unchanged: gray, 1-bit, of labels, RGB or RGBA.
+    """(height, width) bool: the mask of an image read unchanged: gray, 1-bit, of labels, RGB or RGBA, of whole numbers.
 
     An alpha channel that is not opaque everywhere decides. Else the brightest channel does, so that palette colours
     such as dark red count. Of an image with two levels, 0 and any other (0/255, 0/1, a palette label), the other is
-    foreground; with more levels (soft or compressed masks), foreground is what exceeds half the range.
-
-    Args:
-        image: (height, width) or (height, width, 2, 3 or 4), unsigned integers; or several objects' labels.
-        identity: of the object that is meant, the label or gray level of its pixels; 0 for all.
-        soft: levels are never labels, as in a video that was compressed: what exceeds half the range is foreground.
-
-    Returns:
-        (height, width) bool.
+    foreground; with more levels (soft or compressed masks), foreground is what exceeds half the range. In ``soft``
+    images, such as a video's that was compressed, this holds for two levels too. Where an ``identity`` other than 0 is
+    given, it is the label or gray level of the object that is meant.
     """
     if isinstance(image, Labels):
         return image.mask(identity)
@@ -47,13 +41,9 @@ _PALETTE_TYPE = 3  # of a PNG's header: pixels are indices of a palette
 
 @dataclass(frozen=True)
 class Labels:
-    """A frame's objects.
+    """A frame's objects."""
 
-    Attributes:
-        image: (height, width) unsigned integers, the identity that each pixel belongs to; 0 is background.
-    """
-
-    image: np.ndarray
+    image: np.ndarray  # (height, width) unsigned integers, the identity that each pixel belongs to; 0 is background
 
     @property
     def shape(self) -> tuple[int, ...]:

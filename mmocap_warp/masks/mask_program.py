@@ -31,17 +31,11 @@ _BY_HAND = "python3.12 -m venv mp && mp/bin/pip install mediapipe==0.10.14 'nump
 
 @dataclass(frozen=True)
 class MaskProgram:
-    """A program that makes masks.
+    """A program that makes masks."""
 
-    Attributes:
-        name: as the user called it.
-        command: its words; two folders follow.
-        environment: of its process; None for ours.
-    """
-
-    name: str
-    command: tuple[str, ...]
-    environment: dict[str, str] | None = field(default=None, repr=False)
+    name: str  # as the user called it
+    command: tuple[str, ...]  # its words; two folders follow
+    environment: dict[str, str] | None = field(default=None, repr=False)  # of its process; None for ours
 
     def make(self, frames: Path, masks: Path, size: tuple[int, int], progress: Callable[[int], None]) -> list[Path]:
         """Let it make the masks of one camera that are not there yet.

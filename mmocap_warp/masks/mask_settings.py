@@ -17,44 +17,29 @@ KEEP: tuple[str, ...] = ("all", "largest", "nearest")
 class ForegroundSettings:
     """How masks are made. Lengths and areas are in pixels of the calibrated image and shrink with the scale.
 
-    Attributes:
-        source: ``masks`` are given; or the background is learnt from a ``clean_plate``, a ``background_video`` or the
-            ``recording`` itself (whose subject must not stand still); or a ``program`` makes them in ``mmocap mask``.
-        model: what is learnt: ``gaussian`` (colour statistics per pixel), OpenCV's ``mog2`` or ``knn``.
-        threshold: of ``gaussian``: Mahalanobis distance from the background beyond which a pixel is foreground.
-        noise: of ``gaussian`` and ``mog2``: least standard deviation per channel [gray levels of 256].
-        shadow_brightness: of ``gaussian``: a pixel with the background's colour at ``shadow_brightness`` to 1 times its
-            brightness is a shadow, thus background; 1 turns that off.
-        shadow_chroma: of ``gaussian``: how far, in ``noise``, a shadow's colour may be off.
-        median: side of the median filter [px]; 0 leaves it out, as for the following.
-        open: diameter of the opening [px], removes specks and thin bridges.
-        close: diameter of the closing [px], bridges thin gaps.
-        fill_holes: enclosed holes up to this area are filled [px^2].
-        min_area: components below this area are dropped [px^2].
-        keep: ``all`` components, the ``largest``, or the ``nearest`` to where the body was last.
-        join: pieces up to this far apart count as one component [px]; a mask may be cut at the waist.
-        repair: fill holes where the other views' visual hull is thick.
-        identity: of given masks that show several objects, the label of the one to be tracked; 0 for all of them.
-
     Raises:
         ValueError: a value that makes no sense, by name.
     """
 
+    # ``masks`` are given; or the background is learnt from a ``clean_plate``, a ``background_video`` or the
+    # ``recording`` itself (whose subject must not stand still); or a ``program`` makes them in ``mmocap mask``.
     source: str = "masks"
-    model: str = "gaussian"
-    threshold: float = 7.0
-    noise: float = 4.0
+    model: str = "gaussian"  # what is learnt: ``gaussian`` (colour statistics per pixel), OpenCV's ``mog2`` or ``knn``
+    threshold: float = 7.0  # of ``gaussian``: Mahalanobis distance from the background beyond which is foreground
+    noise: float = 4.0  # of ``gaussian`` and ``mog2``: least standard deviation per channel [gray levels of 256]
+    # Of ``gaussian``: a pixel with the background's colour at this to 1 times its brightness is a shadow, thus
+    # background; 1 turns that off.
     shadow_brightness: float = 0.7
-    shadow_chroma: float = 3.0
-    median: float = 0.0
-    open: float = 0.0
-    close: float = 0.0
-    fill_holes: float = 0.0
-    min_area: float = 0.0
-    keep: str = "all"
-    join: float = 40.0
-    repair: bool = False
-    identity: int = 0
+    shadow_chroma: float = 3.0  # of ``gaussian``: how far, in ``noise``, a shadow's colour may be off
+    median: float = 0.0  # side of the median filter [px]; 0 leaves it out, as for the following
+    open: float = 0.0  # diameter of the opening [px], removes specks and thin bridges
+    close: float = 0.0  # diameter of the closing [px], bridges thin gaps
+    fill_holes: float = 0.0  # enclosed holes up to this area are filled [px^2]
+    min_area: float = 0.0  # components below this area are dropped [px^2]
+    keep: str = "all"  # ``all`` components, the ``largest``, or the ``nearest`` to where the body was last
+    join: float = 40.0  # pieces up to this far apart count as one component [px]; a mask may be cut at the waist
+    repair: bool = False  # fill holes where the other views' visual hull is thick
+    identity: int = 0  # of given masks that show several objects, the label of the one to track; 0 for all of them
 
     def __post_init__(self) -> None:
         for name, choices in (("source", SOURCES), ("model", MODELS), ("keep", KEEP)):

@@ -22,13 +22,9 @@ def words_per_row(width: int) -> int:
 
 
 def pack_masks(masks: list[np.ndarray]) -> np.ndarray:
-    """Pack one boolean mask per camera into words; pixel ``x`` is bit ``x % 32`` (from the lowest) of word ``x // 32``.
+    """Pack a mask per camera into words; pixel ``x`` is bit ``x % 32`` (from the lowest) of word ``x // 32``.
 
-    Args:
-        masks: per camera (height, width) bool; sizes may differ, smaller ones are padded with background.
-
-    Returns:
-        (camera, row, word) uint32.
+    The masks are (height, width) bool, the words (camera, row, word) uint32; smaller masks are padded with background.
     """
     rows = max(mask.shape[0] for mask in masks)
     words = max(words_per_row(mask.shape[1]) for mask in masks)
@@ -46,19 +42,13 @@ def unpack_masks(words: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class Observation:
-    """The masks of one frame.
+    """The masks of one frame."""
 
-    Attributes:
-        words: (camera, row, word) uint32, see :func:`pack_masks`.
-        foreground: (camera,) int, foreground pixels; 0 means that the view is lost.
-        late: (camera,) float64, by how much later than the frame each mask was taken [s]; None where all are in time.
-        hidden: (camera, row, word) uint32, pixels that show what may be in front of the subject, none of them
-            foreground; None where nothing is.
-    """
-
-    words: np.ndarray
-    foreground: np.ndarray
+    words: np.ndarray  # (camera, row, word) uint32, see :func:`pack_masks`
+    foreground: np.ndarray  # (camera,) int, foreground pixels; 0 means that the view is lost
+    # (camera,) float64, by how much later than the frame each mask was taken [s]; None where all are in time.
     late: np.ndarray | None = None
+    # (camera, row, word) uint32, pixels that show what may be in front of the subject, none of them foreground.
     hidden: np.ndarray | None = None
 
     @classmethod

@@ -21,17 +21,11 @@ _REMEDY = "write it with pycocotools, segmentation = {size = [height, width], co
 
 @dataclass(frozen=True)
 class RleMasks:
-    """Masks of all frames, decoded one at a time.
+    """Masks of all frames, decoded one at a time."""
 
-    Attributes:
-        path: the file.
-        frames: per frame the run lengths of each identity, as they stand in the file.
-        size: width and height [px].
-    """
-
-    path: Path
-    frames: tuple[dict[int, Any], ...]
-    size: tuple[int, int]
+    path: Path  # the file
+    frames: tuple[dict[int, Any], ...]  # per frame the run lengths of each identity, as they stand in the file
+    size: tuple[int, int]  # width and height [px]
     soft = False
 
     def __len__(self) -> int:

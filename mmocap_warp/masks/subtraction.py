@@ -92,18 +92,11 @@ _MARGIN = 2.0  # in units of _DISTANCE, around the body: the background's colour
 
 
 def mask_around_body(image: np.ndarray, body: np.ndarray, pixels_per_metre: float) -> np.ndarray:
-    """The subject's pixels in an image without a background to subtract, near the tracked body's silhouette.
+    """(height, width) bool: the subject in a BGR image without a background to subtract, near the tracked body.
 
     GrabCut (Rother, Kolmogorov and Blake 2004) learns the colours of what is surely the subject and surely not, and
-    draws the contour between them where the image has an edge.
-
-    Args:
-        image: (height, width, 3) BGR uint8.
-        body: (height, width) bool, the tracked body's silhouette.
-        pixels_per_metre: at the body.
-
-    Returns:
-        (height, width) bool; ``body`` itself where it is too small to learn colours from.
+    draws the contour between them where the image has an edge. It is the silhouette ``body`` (height, width) bool
+    itself where that is too small to learn colours from. Lengths are measured by ``pixels_per_metre`` at the body.
     """
     rows, columns = (np.flatnonzero(body.any(axis=axis)) for axis in (1, 0))
     if not len(rows):

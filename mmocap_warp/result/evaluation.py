@@ -102,13 +102,7 @@ def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | N
 
 
 class _Points:
-    """The points of a joint set in a result.
-
-    Args:
-        result: what was tracked.
-        joint_set: the set; None for the body's own joints.
-        joints: (run, frame, joint, 3), these joints [m].
-    """
+    """The points of a joint set in a result; None is for the body's own ``joints`` (run, frame, joint, 3) [m]."""
 
     def __init__(self, result: Result, joint_set: JointSet | None, joints: np.ndarray) -> None:
         body, self._result = result.subject.body, result

@@ -30,15 +30,10 @@ from mmocap_warp.result.truth import Truth
 
 @dataclass(frozen=True)
 class SkinPoints:
-    """Points attached to a mesh, each at fixed barycentric coordinates of one triangle.
+    """Points attached to a mesh, each at fixed barycentric coordinates of one triangle."""
 
-    Attributes:
-        corners: (point, 3) int, vertices of each point's triangle.
-        weights: (point, 3) float64, barycentric coordinates.
-    """
-
-    corners: np.ndarray
-    weights: np.ndarray
+    corners: np.ndarray  # (point, 3) int, vertices of each point's triangle
+    weights: np.ndarray  # (point, 3) float64, barycentric coordinates
 
     def positions(self, vertices: np.ndarray) -> np.ndarray:
         """Where the points are on a posed mesh: (..., vertex, 3) to (..., point, 3) [m]."""
@@ -143,21 +138,14 @@ _MIN_SHARE = 0.01
 
 @dataclass(frozen=True)
 class MarkerErrors:
-    """Eq. 20 of every run and frame: the mean distance over the markers seen in a frame.
+    """Eq. 20 of every run and frame: the mean distance over the markers seen in a frame."""
 
-    Attributes:
-        as_printed: (run, common frame) float64 [m], NaN where no marker counts.
-        from_own_answer: likewise.
-        as_printed_floor: (common frame,) float64 [m]; NaN also where the truth has no poses of a body like the tracked.
-        from_own_answer_floor: likewise.
-        left_out: markers that are seen, but not in the first frame that was tracked: they do not count as printed.
-    """
-
-    as_printed: np.ndarray
-    from_own_answer: np.ndarray
+    as_printed: np.ndarray  # (run, common frame) float64 [m], NaN where no marker counts
+    from_own_answer: np.ndarray  # likewise
+    # (common frame,) float64 [m]; NaN also where the truth has no poses of a body like the tracked.
     as_printed_floor: np.ndarray
-    from_own_answer_floor: np.ndarray
-    left_out: int
+    from_own_answer_floor: np.ndarray  # likewise
+    left_out: int  # markers that are seen, but not in the first frame that was tracked: they do not count as printed
 
 
 def marker_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> MarkerErrors:

@@ -54,12 +54,8 @@ def _some(names: Sequence[str]) -> str:
 def aligned_error(points: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Mean distance after the similarity transform, mirrors excluded, that brings ``points`` closest to ``target``.
 
-    Args:
-        points: (..., frame, joint, 3).
-        target: (frame, joint, 3); a joint with a NaN is left out of its frame.
-
-    Returns:
-        (..., frame); NaN where fewer than three joints are known.
+    Of points (..., frame, joint, 3) and target (frame, joint, 3) it is (..., frame). A joint with a NaN in the target
+    is left out of its frame; where fewer than three are known it is NaN.
     """
     known = np.isfinite(target).all(axis=2)
     enough = known.sum(axis=1) >= 3  # else a similarity is not determined
@@ -80,12 +76,8 @@ def aligned_error(points: np.ndarray, target: np.ndarray) -> np.ndarray:
 def farthest(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """How far the root or a limb's end is off, whichever is more: (run, common frame) [m], NaN where none is known.
 
-    Args:
-        result: what was tracked.
-        truth: what is known.
-        mine: positions of the common frames in the result.
-        theirs: likewise in the truth.
-        joints: (run, frame, joint, 3), the result's [m].
+    The result's ``joints`` are (run, frame, joint, 3) [m]; ``mine`` and ``theirs`` are the common frames' positions in
+    result and truth.
     """
     skeleton = result.subject.body.skeleton
     names = [name for name in dict.fromkeys((skeleton.joints[0], *skeleton.ends)) if name in truth.joint_names]
@@ -172,10 +164,9 @@ def second_differences(joints: np.ndarray, frame_numbers: np.ndarray, fps: float
 
 
 def growth(error: np.ndarray) -> np.ndarray:
-    """Mean error of the last third over that of the first third: (run,), NaN with fewer than three frames.
+    """Mean error of the last third over that of the first third, (run,), of errors (run, frame) that may be NaN.
 
-    Args:
-        error: (run, frame) of the frames that have a truth, NaN where it is unknown.
+    It is NaN with fewer than three frames; the frames are those that have a truth.
     """
     third = error.shape[1] // 3
     if not third:

@@ -26,23 +26,14 @@ afterwards from the frames around it. Repeated: likewise, because its images are
 
 @dataclass(frozen=True)
 class FrameAnswer:
-    """What a frame's search found.
+    """What a frame's search found."""
 
-    Attributes:
-        pose: (run, coordinate) float32.
-        cost: (run,) float32; NaN when the frame is lost.
-        iou: (run, camera) float64; NaN for a lost view.
-        evaluations: spent by each run.
-        status: index into ``STATUS``, of all runs or (run,) int.
-        seconds: wall-clock time [s].
-    """
-
-    pose: np.ndarray
-    cost: np.ndarray
-    iou: np.ndarray
-    evaluations: int
-    status: int | np.ndarray
-    seconds: float
+    pose: np.ndarray  # (run, coordinate) float32
+    cost: np.ndarray  # (run,) float32; NaN when the frame is lost
+    iou: np.ndarray  # (run, camera) float64; NaN for a lost view
+    evaluations: int  # spent by each run
+    status: int | np.ndarray  # index into ``STATUS``, of all runs or (run,) int
+    seconds: float  # wall-clock time [s]
 
 
 @dataclass(frozen=True)

@@ -54,15 +54,10 @@ def body_file(name: str | Path, source: object = "body") -> Path:
 
 @dataclass(frozen=True, eq=False)
 class DeviationFactors:
-    """Factors of stated standard deviations.
+    """Factors of stated standard deviations."""
 
-    Attributes:
-        joint: (joint, 3) of the joints' centres along the body's axes: to its left, up, and ahead.
-        angle: (joint, 3) of the joints' angles.
-    """
-
-    joint: np.ndarray
-    angle: np.ndarray
+    joint: np.ndarray  # (joint, 3) of the joints' centres along the body's axes: to its left, up, and ahead
+    angle: np.ndarray  # (joint, 3) of the joints' angles
 
     @property
     def coordinate(self) -> np.ndarray:

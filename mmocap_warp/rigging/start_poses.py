@@ -72,14 +72,10 @@ _SHIFT_MARGIN = 0.1  # share of the travel seen by which limits of a slide are w
 def learnt(skeleton: Skeleton, poses: np.ndarray, margin: float) -> Skeleton:
     """The skeleton with limits and spreads of the angles that it searches, but the root's, as they were in poses.
 
-    Limits leave out the most extreme frames, half a percent at either end. A joint's spread is the root mean square of
-    the angle that strays most from the zero pose. Limits of a joint that slides are a tenth of the travel seen wider,
-    but not wider than they were: those are where the hardware stops. What is attached stays as it is.
-
-    Args:
-        skeleton: the joints.
-        poses: (frame, coordinate).
-        margin: by how much limits of angles are wider than what was seen, at either end [rad].
+    Limits leave out the most extreme of the poses (frame, coordinate), half a percent at either end, and are wider than
+    what was seen by ``margin`` [rad]. A joint's spread is the root mean square of the angle that strays most from the
+    zero pose. Limits of a joint that slides are a tenth of the travel seen wider, but not wider than they were: those
+    are where the hardware stops. What is attached stays as it is.
     """
     limits, spread = skeleton.limits.copy(), skeleton.spread.copy()
     seen = np.where(skeleton.slides, _LEAST_SHIFT, _LEAST_SPREAD)

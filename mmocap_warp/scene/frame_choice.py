@@ -39,11 +39,7 @@ class FrameChoice:
         return choice
 
     def of(self, own: range, numbers: int) -> range:
-        """The frames that are meant.
-
-        Args:
-            own: those that a count counts from the start of.
-            numbers: how many frames there are to choose from, numbered from 0.
+        """The frames that are meant: a count is of the first of ``own``, a range is among so many ``numbers`` from 0.
 
         Raises:
             ValueError: more frames than there are, or none.

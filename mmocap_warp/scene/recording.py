@@ -48,39 +48,24 @@ def split_offset(frames: float) -> tuple[int, float]:
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Where one camera's images lie.
+    """Where one camera's images lie."""
 
-    Attributes:
-        name: as in the calibration.
-        video: the recording (a video or a folder of images), or None.
-        masks: its masks (a folder of images or a video), or None.
-        clean_plate: one image without the subject, or None.
-        background: a recording without the subject, or None.
-        frame_offset: scene frame ``f`` is this camera's frame ``f + frame_offset``; 1 for a camera that lags by one.
-        rate: this camera's frames to one of the recording's; where that is not 1, frame ``f`` is the one nearest in
-            time, ``round(f * rate + fraction) + frame_offset``.
-        recorded_scale, recorded_offset: recorded pixel = scale * calibrated pixel + offset.
-        centre_shift: what the scene added to the calibrated principal point [px].
-        mask_mark: of masks that are undistorted already; None for masks in the recorded pixels.
-        label: in its masks, of the person who is tracked; 0 for the scene's [foreground] identity.
-        in_front: labels of what may be in front of that person.
-        fraction: what its offset is beyond ``frame_offset`` [its frames], at most half a frame to either side.
-    """
-
-    name: str
-    video: Frames | None
-    masks: Masks | None
-    clean_plate: ImageFolder | None
-    background: Frames | None
-    frame_offset: int
-    recorded_scale: float
-    recorded_offset: tuple[float, float]
-    centre_shift: tuple[float, float] = (0.0, 0.0)
-    mask_mark: MaskMark | None = None
+    name: str  # as in the calibration
+    video: Frames | None  # the recording (a video or a folder of images), or None
+    masks: Masks | None  # its masks (a folder of images or a video), or None
+    clean_plate: ImageFolder | None  # one image without the subject, or None
+    background: Frames | None  # a recording without the subject, or None
+    frame_offset: int  # scene frame ``f`` is this camera's frame ``f + frame_offset``; 1 for a camera that lags by one
+    recorded_scale: float  # recorded pixel = scale * calibrated pixel + offset
+    recorded_offset: tuple[float, float]  # likewise
+    centre_shift: tuple[float, float] = (0.0, 0.0)  # what the scene added to the calibrated principal point [px]
+    mask_mark: MaskMark | None = None  # of masks that are undistorted already; None for masks in the recorded pixels
+    # This camera's frames to one of the recording's; where that is not 1, frame ``f`` is the one nearest in time,
+    # ``round(f * rate + fraction) + frame_offset``.
     rate: float = 1.0
-    fraction: float = 0.0
-    label: int = 0
-    in_front: tuple[int, ...] = ()
+    fraction: float = 0.0  # what its offset is beyond ``frame_offset`` [its frames], at most half of one either way
+    label: int = 0  # in its masks, of the person who is tracked; 0 for the scene's [foreground] identity
+    in_front: tuple[int, ...] = ()  # labels of what may be in front of that person
 
     def mask_number(self, frame: int) -> int:
         """Which of its masks is the recording's frame; -1 for none."""

@@ -13,6 +13,7 @@ import socket
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from typing import Any
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.code_hash import code_hash
+from mmocap_warp.device.resolve import device_kind
 from mmocap_warp.fitting.clip_body import frames_to_follow
 from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip
 from mmocap_warp.masks.observation import Observation
@@ -29,7 +31,7 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth, at_rate
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.study.degradations import degraded, is_random
-from mmocap_warp.study.job import device_kind, solved_subject
+from mmocap_warp.study.job import solved_subject
 from mmocap_warp.study.sequences import CLIP_PLANS, PLANS
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracking.frame_loop import track_observations
@@ -59,12 +61,7 @@ Track = Callable[[Subject, CameraRig, Iterable[Observation], float, TrackConfig,
 
 
 def track_with_seed(
-    subject: Subject,
-    rig: CameraRig,
-    observations: Iterable[Observation],
-    fps: float,
-    settings: TrackConfig,
-    seed: int,
+    subject: Subject, rig: CameraRig, observations: Iterable[Observation], fps: float, settings: TrackConfig, seed: int
 ) -> Result:
     """One run of the tracker that the settings name."""
     return track_observations(subject, rig, observations, fps, replace(settings, seed=seed, runs=1))
@@ -97,16 +94,10 @@ def purpose(clip: Clip) -> str:
 def run_ablation(
     folder: Path, cells: Sequence[AblationCell], report: Callable[[AblationCell, dict], None], track: Track
 ) -> list[dict[str, Any]]:
-    """Track the cells whose file is missing, and read the others.
+    """Track the cells whose file is missing in a folder that exists, and read the others.
 
-    Args:
-        folder: of the files; it exists.
-        cells: cells of one clip that follow each other share its masks in memory.
-        report: called with each cell and what :func:`measures` gave.
-        track: see ``Track``.
-
-    Returns:
-        A file's content a cell: ``cell``, ``settings``, ``measures`` and ``made``.
+    Cells of one clip that follow each other share its masks in memory. ``report`` is called with each cell and what
+    :func:`measures` gave. Of each cell a file's content is returned: ``cell``, ``settings``, ``measures`` and ``made``.
 
     Raises:
         InputError: a clip that cannot be opened, a folder that cannot be written to.
@@ -147,26 +138,26 @@ class _Takes:
     """A clip's masks, made or read once, and the last degradation of them with the subjects that started from it."""
 
     def __init__(self, clip: Clip) -> None:
-        self._clip = clip
-        self._whole: tuple[OpenClip, list[Observation]] | None = None
+        self._clip, self._whole = clip, cache(lambda: _in_memory(open_clip(clip)))
         self._last: tuple[tuple[str, int], OpenClip, list[Observation]] | None = None
         self._started: dict[tuple[str, int], Subject] = {}
 
     def of(self, cell: AblationCell) -> OpenClip:
         which = cell.degradation, cell.seed if is_random(cell.degradation) else 0
         if self._last is None or self._last[0] != which:
-            if self._whole is None:
-                opened = open_clip(self._clip)
-                self._whole = opened, list(opened.observations)
-            self._last = None
-            worse = degraded(replace(self._whole[0], observations=iter(self._whole[1])), *which)
-            self._last = which, worse, list(worse.observations)
+            whole, masks = self._whole()
+            self._last = None  # one in memory at a time
+            self._last = which, *_in_memory(degraded(replace(whole, observations=iter(masks)), *which))
             self._started.clear()
         _, take, masks = self._last
         key = cell.start, cell.seed
         if key not in self._started:
             self._started[key] = _subject(cell, take, masks)
         return replace(take, subject=self._started[key], observations=iter(masks))
+
+
+def _in_memory(clip: OpenClip) -> tuple[OpenClip, list[Observation]]:
+    return clip, list(clip.observations)
 
 
 def _subject(cell: AblationCell, take: OpenClip, masks: list[Observation]) -> Subject:
@@ -186,43 +177,29 @@ def _subject(cell: AblationCell, take: OpenClip, masks: list[Observation]) -> Su
 def _tracked(cell: AblationCell, take: OpenClip, track: Track) -> dict[str, Any]:
     started = datetime.now(UTC).isoformat(timespec="seconds")
     result = track(take.subject, take.rig, take.observations, take.fps, cell.settings, cell.seed)
-    return {
-        "cell": {
-            "clip": cell.clip.name,
-            "purpose": purpose(cell.clip),
-            "degradation": cell.degradation,
-            "start": cell.start,
-            "tracker": cell.label,
-            "seed": cell.seed,
-            "frames": take.frames,
-            "scale": cell.clip.scale,
-        },
-        "settings": result.config,
-        "measures": measures(result, take.truth),
-        "made": {
-            "started": started,
-            "host": socket.gethostname(),
-            "versions": result.versions,
-            "code": code_hash("study.ablation"),
-        },
+    clip, code = cell.clip, code_hash("study.ablation")
+    about: dict[str, Any] = {
+        "clip": clip.name,
+        "purpose": purpose(clip),
+        "degradation": cell.degradation,
+        "start": cell.start,
     }
+    about |= {"tracker": cell.label, "seed": cell.seed, "frames": take.frames, "scale": clip.scale}
+    made = {"started": started, "host": socket.gethostname(), "versions": result.versions, "code": code}
+    return {"cell": about, "settings": result.config, "measures": measures(result, take.truth), "made": made}
 
 
 def _path(folder: Path, cell: AblationCell, identity: str) -> Path:
     """Where a cell's file lies: a name for people, then a hash of all that it depends on."""
     settings = asdict(replace(cell.settings, seed=cell.seed, runs=1))
-    kind = device_kind(settings.pop("device"))
-    del settings["threads"]
-    depends = {
+    kind, _ = device_kind(settings.pop("device")), settings.pop("threads")
+    depends: dict[str, Any] = {
         "clip": identity,
         "degradation": cell.degradation,
         "start": cell.start,
         "settings": settings,
-        "device": kind,
-        "code": code_hash("study.ablation"),
-        "package": __version__,
-        "version": _VERSION,
     }
+    depends |= {"device": kind, "code": code_hash("study.ablation"), "package": __version__, "version": _VERSION}
     key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]
     name = f"{cell.clip.name}-{cell.degradation}-{cell.start}-{cell.label}-{cell.seed}"
     return folder / f"{re.sub(r'[^A-Za-z0-9.=+-]+', '_', name)}.{key}.json"

@@ -68,29 +68,11 @@ def _first_velocity(opened: OpenClip, truth: Truth) -> np.ndarray | None:
 
 
 def _judged(sequence: str, name: str, opened: OpenClip, pose: np.ndarray) -> CellResult:
-    frames = len(pose)
-    unknown = np.full((1, frames), np.nan)
-    result = Result(
-        subject=opened.subject,
-        cameras=opened.rig,
-        fps=opened.fps,
-        frame_numbers=np.arange(frames),
-        pose=pose[None],
-        cost=unknown,
-        iou=np.full((1, frames, len(opened.rig)), np.nan),
-        evaluations=np.zeros((1, frames), np.int64),
-        status=np.full((1, frames), STATUS.index("tracked"), np.int8),
-        seconds=0.0,
-        config={"seed": 0},
-        versions={},
-    )
-    per_frame, per_run = measure(result, opened.truth)
-    return CellResult(
-        cell=Cell(sequence, name, 0, 0),
-        seeds=np.zeros(1, np.int64),
-        frames=result.frame_numbers,
-        per_frame=per_frame,
-        per_run=per_run,
-        pose=result.pose.astype(np.float32),
-        meta={"fps": opened.fps, "cameras": list(opened.rig.names), "size": opened.rig.size.tolist()},
-    )
+    numbers, unknown = np.arange(len(pose)), np.full((1, len(pose)), np.nan)
+    views = np.full((1, len(pose), len(opened.rig)), np.nan)
+    spent, status = np.zeros((1, len(pose)), np.int64), np.full((1, len(pose)), STATUS.index("tracked"), np.int8)
+    of, seed = (opened.subject, opened.rig, opened.fps, numbers, pose[None]), {"seed": 0}
+    result = Result(*of, unknown, views, evaluations=spent, status=status, seconds=0.0, config=seed, versions={})
+    measured, place = measure(result, opened.truth), result.pose.astype(np.float32)
+    meta = {"fps": opened.fps, "cameras": list(opened.rig.names), "size": opened.rig.size.tolist()}
+    return CellResult(Cell(sequence, name, 0, 0), np.zeros(1, np.int64), numbers, *measured, place, meta)

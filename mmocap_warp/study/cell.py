@@ -35,22 +35,15 @@ _DAMAGE = (
 
 @dataclass(frozen=True, order=True)
 class Cell:
-    """One point of the grid; all seeds are tracked in it at once.
+    """One point of the grid; all seeds are tracked in it at once."""
 
-    Attributes:
-        sequence: what is tracked, such as ``S1/Walking``.
-        algorithm: one of ``mmocap_warp.tracking.algorithms``, with ``+polish`` where its frames are finished by
-            contours, and ``+solved`` where the body is solved from the clip.
-        dof: degrees of freedom of the tracked body.
-        evaluations: budget of a frame's search, 0 where nothing is searched.
-        preset: where the search radii come from, a key of ``mmocap_warp.tracking.algorithms.PRESETS``.
-    """
-
-    sequence: str
+    sequence: str  # what is tracked, such as ``S1/Walking``
+    # One of ``mmocap_warp.tracking.algorithms``, with ``+polish`` where its frames are finished by contours, and
+    # ``+solved`` where the body is solved from the clip
     algorithm: str
-    dof: int
-    evaluations: int
-    preset: str = "recording"
+    dof: int  # degrees of freedom of the tracked body
+    evaluations: int  # budget of a frame's search, 0 where nothing is searched
+    preset: str = "recording"  # where the radii come from, a key of ``mmocap_warp.tracking.algorithms.PRESETS``
 
     def __str__(self) -> str:
         return f"{self.sequence} {self.algorithm} {self.dof} DOF {self.evaluations} evaluations {self.preset}"
@@ -60,28 +53,20 @@ class Cell:
 class CellResult:
     """What tracking a cell gave.
 
-    Attributes:
-        cell: which one.
-        seeds: (run,) int64.
-        frames: (frame,) int64, the sequence's own frame numbers.
-        per_frame: (run, frame) float32 by name: see :func:`mmocap_warp.study.metrics.measure`.
-        per_run: (run,) float64 by name: see there.
-        pose: (run, frame, coordinate) float32, poses; or (1, frame, coordinate), those of the typical run alone, see
-            :func:`mmocap_warp.study.summary.with_typical_pose`.
-        meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``code`` and ``code_covers`` (see
-            :func:`mmocap_warp.code_hash.code_hash`), ``device``, ``host``, ``started``, ``wall_seconds``,
-            ``study``.
-
     Raises:
         ValueError: arrays whose shapes disagree.
     """
 
     cell: Cell
-    seeds: np.ndarray
-    frames: np.ndarray
-    per_frame: dict[str, np.ndarray]
-    per_run: dict[str, np.ndarray]
+    seeds: np.ndarray  # (run,) int64
+    frames: np.ndarray  # (frame,) int64, the sequence's own frame numbers
+    per_frame: dict[str, np.ndarray]  # (run, frame) float32 by name: see :func:`mmocap_warp.study.metrics.measure`
+    per_run: dict[str, np.ndarray]  # (run,) float64 by name: see there
+    # (run, frame, coordinate) float32; or (1, frame, coordinate), the poses of the typical run alone, see
+    # :func:`mmocap_warp.study.summary.with_typical_pose`
     pose: np.ndarray
+    # JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``device``, ``host``, ``started``,
+    # ``wall_seconds``, ``study``, ``code`` and ``code_covers`` (see :func:`mmocap_warp.code_hash.code_hash`)
     meta: dict[str, Any]
 
     def __post_init__(self) -> None:
@@ -149,23 +134,14 @@ def _assemble(members: dict[str, bytes]) -> CellResult:
         for name, data in members.items()
         if name.endswith(".npy")
     }
-    per_run = _under("per_run.", arrays)
-    seconds = measured.pop("seconds", None)
-    if seconds is not None:
-        per_run["seconds"] = np.array(seconds, np.float64)
-    return CellResult(
-        cell=Cell(**answer["cell"]),
-        seeds=arrays["seeds"],
-        frames=arrays["frames"],
-        per_frame=_under("per_frame.", arrays),
-        per_run=per_run,
-        pose=arrays["pose"],
-        meta=answer["meta"] | measured,
+    per_frame, per_run = (
+        {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+        for prefix in ("per_frame.", "per_run.")
     )
-
-
-def _under(prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+    if (seconds := measured.pop("seconds", None)) is not None:
+        per_run["seconds"] = np.array(seconds, np.float64)
+    known, meta = (arrays["seeds"], arrays["frames"], per_frame, per_run, arrays["pose"]), answer["meta"] | measured
+    return CellResult(Cell(**answer["cell"]), *known, meta)
 
 
 def _json(value: Any) -> bytes:

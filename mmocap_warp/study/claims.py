@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from mmocap_warp.display.page.viewer import resource
 from mmocap_warp.study.statistics import ALPHA, FEWEST_PAIRS
 from mmocap_warp.study.study_tables import (
     FEWEST_SEQUENCES,
@@ -53,49 +57,38 @@ def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
     """
     measures = [measure, *(other for other in study.measures if other.key == "cost" and other != measure)]
     rankings = [(each, Rankings.of(study, each)) for each in measures]
+    few = TOO_FEW, f"Too few for that: {counted(len(study.sequences), 'sequence', in_words=True)}."
     findings = []
-    for claim, where, significant, judge in _RANK_CLAIMS:
+    for each in _CLAIMS["rankings"]:
+        judge = partial(_JUDGES[each["judge"]], **each.get("with", {}))
         for by, every in rankings:
-            # What is said of significance is checked on those rankings alone that could tell.
-            verdict = judge(every.over_enough(significant=significant))
-            if verdict[0] == UNTESTED and judge(every)[0] != UNTESTED:
-                verdict = _too_few(study)
-            findings.append(Finding(claim, where, named(by), *verdict))
-    for claim, own, of_errors in _ERROR_CLAIMS:
-        by = own or measure
-        verdict = of_errors(study, by)
-        if verdict[0] != UNTESTED and len(study.sequences) < FEWEST_SEQUENCES:
-            verdict = _too_few(study)
-        findings.append(Finding(claim, "section 5.3", named(by), *verdict))
+            verdict = judge(every.over_enough(significant=each.get("significant", False)))
+            verdict = few if verdict[0] == UNTESTED != judge(every)[0] else verdict
+            findings.append(Finding(each["claim"], each["where"], named(by), *verdict))
+    for each in _CLAIMS["errors"]:
+        by = MEASURE_OF[each["by"]] if "by" in each else measure
+        verdict = _JUDGES[each["judge"]](study, by, **each.get("with", {}))
+        verdict = few if verdict[0] != UNTESTED and len(study.sequences) < FEWEST_SEQUENCES else verdict
+        findings.append(Finding(each["claim"], "section 5.3", named(by), *verdict))
     return findings
 
 
-def _too_few(study: StudySummary) -> Verdict:
-    return TOO_FEW, f"Too few for that: {counted(len(study.sequences), 'sequence', in_words=True)}."
-
-
 def judged(leads: Iterable[float], evidence: str, *, of_all: bool = False) -> Verdict:
-    """A claim's verdict and its evidence.
+    """A claim's verdict and its evidence, which may name how many ``{held}`` of how many ``{cases}``.
 
-    Args:
-        leads: of every case, above zero where it holds, below where it does not; zero is a tie.
-        evidence: may name how many ``{held}`` of how many ``{cases}``; ties are added.
-        of_all: the paper claims it of all cases, so that one exception refutes it, be it a tie.
+    The ``leads`` of cases are above zero where it holds, below where it does not; zero is a tie. What the paper claims
+    ``of_all`` cases one exception refutes, be it a tie.
     """
     signs = [int(np.sign(lead)) for lead in leads]
     held, tied = signs.count(1), signs.count(0)
     if not signs:
         return UNTESTED, "The study has no case of it."
+    verdict = MOSTLY if held > len(signs) / 2 else DIFFERS
     if held == len(signs):
         verdict = AGREES
-    elif tied == len(signs):
-        verdict = TIED
-    elif of_all:
-        verdict = FAILS
-    else:
-        verdict = MOSTLY if held > len(signs) / 2 else DIFFERS
-    ties = f" {counted(tied, 'tie')}." if tied else ""
-    return verdict, evidence.format(held=held, cases=len(signs)) + ties
+    elif tied == len(signs) or of_all:
+        verdict = TIED if tied == len(signs) else FAILS
+    return verdict, evidence.format(held=held, cases=len(signs)) + (f" {counted(tied, 'tie')}." if tied else "")
 
 
 # ---- Claims about rankings: section 5.4, the abstract and section 6.
@@ -137,8 +130,7 @@ def _h_cmaes_first(rankings: Rankings) -> Verdict:
     leads, others = [], set()
     for ranking in rankings.of_algorithms:
         rank = _average_ranks(ranking)
-        if "h-cmaes" in rank:
-            own = rank.pop("h-cmaes")
+        if (own := rank.pop("h-cmaes", None)) is not None:
             leads.append(min(rank.values()) - own)
             others |= {str(ranking.rows[0].contender)} if leads[-1] < 0 else set()
     instead = f"; elsewhere {', '.join(sorted(others))}" if others else ""
@@ -174,7 +166,7 @@ def _hierarchy_first(rankings: Rankings) -> Verdict:
     return judged((lead for of in leads.values() for lead in of), f"Better ranked: {each}.", of_all=True)
 
 
-def _larger_model(rankings: Rankings, algorithms: tuple[str, ...], sign: int) -> Verdict:
+def _larger_model(rankings: Rankings, algorithms: list[str], sign: int) -> Verdict:
     """The larger model's rank against the smaller's at each budget, among all models and budgets of an algorithm.
 
     ``sign`` is 1 where the larger model is claimed to be better, -1 where the smaller.
@@ -205,7 +197,7 @@ def _significantly_larger(rankings: Rankings) -> Verdict:
     return judged(cases, f"Wilcoxon’s test below {ALPHA:g}: {', '.join(notes)}.", of_all=True)
 
 
-def _frugal(rankings: Rankings, algorithms: tuple[str, ...], budget: int) -> Verdict:
+def _frugal(rankings: Rankings, algorithms: list[str], budget: int) -> Verdict:
     """Whether nothing is significantly better than 39 degrees of freedom with this budget."""
     cases, notes = [], []
     for name in (name for name in algorithms if name in rankings.of_models):
@@ -220,74 +212,28 @@ def _frugal(rankings: Rankings, algorithms: tuple[str, ...], budget: int) -> Ver
     return judged(cases, "; ".join(notes) + ".")
 
 
-_RANK_CLAIMS: tuple[tuple[str, str, bool, Callable[[Rankings], Verdict]], ...] = (
-    ("H-CMAES has the best average rank for either model and every budget.", "Tables 4-5", False, _h_cmaes_first),
-    (
-        "In all cases the evolutionary algorithms rank before the particle filters.",
-        "abstract", False, _filters_last,
-    ),
-    (
-        "In all cases the particle filters differ significantly from the best.",
-        "section 5.4", True, _filters_significant,
-    ),
-    (
-        "In all tests searching part by part ranks before searching all at once: H-CMAES, H-PSO and H-DE before CMAES, "
-        "PSO and DE.",
-        "section 6", False, _hierarchy_first,
-    ),
-    (
-        "39 degrees of freedom are better than 28 for the evolutionary algorithms.",
-        "Tables 6-7", False, lambda rankings: _larger_model(rankings, EVOLUTIONARY, 1),
-    ),
-    (
-        "39 are significantly better than 28 for every evolutionary algorithm but CMAES.",
-        "Tables 6-7", True, _significantly_larger,
-    ),
-    (
-        "28 degrees of freedom are better than 39 for the particle filters.",
-        "Tables 6-7", False, lambda rankings: _larger_model(rankings, FILTERS, -1),
-    ),
-    (
-        "CMAES and H-CMAES need no more than 500 evaluations with 39 degrees of freedom: nothing else is significantly "
-        "better.",
-        "section 5.4", True, lambda rankings: _frugal(rankings, ("h-cmaes", "cmaes"), 500),
-    ),
-    (
-        "H-DE, H-PSO, DE and PSO need no more than 1500.",
-        "section 5.4", True, lambda rankings: _frugal(rankings, ("h-de", "h-pso", "de", "pso"), 1500),
-    ),
-)  # fmt: skip
-"""What the paper says of rankings, where, whether it speaks of significance, and what judges it."""
-
-
 # ---- Claims about tracking errors: section 5.3.
 
 
 def _in_order(
-    study: StudySummary,
-    measure: Measure,
-    part: int,
-    of: Callable[[CellSummary, Measure], float],
-    pairs: list[tuple[str, str]],
-    note: str = "",
+    study: StudySummary, measure: Measure, part: int, pairs: list[list[str]], note: str = "", spread: bool = False
 ) -> Verdict:
     """Whether the first of each pair of subjects (part 0) or actions (part 1) is better, where the study has them all.
 
-    Levels are means over cells of ``of``. Nothing is tested unless every subject was tracked in every action, as else
-    one would be taken for the other.
+    Levels are means over cells of their means, or of how they spread. Nothing is tested unless every subject was
+    tracked in every action, as else one would be taken for the other.
     """
     names = [tuple(sequence.split("/")) for sequence in study.sequences if sequence.count("/") == 1]
-    if len(names) != len({name[0] for name in names}) * len({name[1] for name in names}):
-        return judged([], "")
     values: dict[str, list[float]] = {}
     for cell in study.grid:
         parts, summary = cell.sequence.split("/"), study.cells[cell]
         if len(parts) == 2 and measure.key in summary.spread:
-            values.setdefault(parts[part], []).append(of(summary, measure))
+            values.setdefault(parts[part], []).append((_quartile_range if spread else _mean)(summary, measure))
     level = {name: float(np.mean(found)) for name, found in sorted(values.items())}
-    if not {name for pair in pairs for name in pair} <= level.keys():
+    whole = len(names) == len({name[0] for name in names}) * len({name[1] for name in names})
+    if not whole or not {name for pair in pairs for name in pair} <= level.keys():
         return judged([], "")
-    leads = [measure.sign * (level[worse] - level[better]) for better, worse in pairs]
+    leads = [(1 if spread else measure.sign) * (level[worse] - level[better]) for better, worse in pairs]
     words = ", ".join(f"{name} {with_unit(value, measure, space=' ')}" for name, value in level.items())
     return judged(leads, f"{words}.{note}")
 
@@ -325,28 +271,11 @@ def _quartile_range(cell: CellSummary, measure: Measure) -> float:
     return float(spread[3] - spread[1])
 
 
-_ERROR_CLAIMS: tuple[tuple[str, Measure | None, Callable[[StudySummary, Measure], Verdict]], ...] = (
-    (
-        "Gestures are tracked best.", None,
-        lambda study, measure: _in_order(
-            study, measure, 1, _mean, [("Gestures", "Walking"), ("Gestures", "Box")]
-        ),
-    ),
-    (
-        "Errors spread least in gestures and most in boxing.", None,
-        lambda study, measure: _in_order(
-            study, replace(measure, higher_is_better=False), 1, _quartile_range,
-            [("Gestures", "Walking"), ("Walking", "Box")],
-        ),
-    ),
-    (
-        "Subject S3 is the hardest.", None,
-        lambda study, measure: _in_order(
-            study, measure, 0, _mean, [("S1", "S3"), ("S2", "S3")],
-            " The shipped sequences are made so: S3's tracked body and masks are the worst.",
-        ),
-    ),
-    ("More evaluations narrow the errors’ spread.", None, _narrower),
-    ("CMAES tracks more evenly over time than DE and PSO, whose bodies vibrate.", MEASURE_OF["jerk"], _steadier),
-)  # fmt: skip
-"""What the paper says of errors, the measure if it is not the main one, and what judges it."""
+_CLAIMS: dict[str, list[dict[str, Any]]] = tomllib.loads(resource("mmocap_warp.study", "claims.toml"))
+_JUDGES: dict[str, Callable[..., Verdict]] = {
+    judge.__name__.removeprefix("_"): judge
+    for judge in (
+        *(_h_cmaes_first, _filters_last, _filters_significant, _hierarchy_first, _larger_model),
+        *(_significantly_larger, _frugal, _in_order, _narrower, _steadier),
+    )
+}

@@ -51,12 +51,7 @@ def load_study(path: str | Path) -> Study:
     path = Path(path)
     file = load_toml(path)
     table = file.take_table("study")
-    common = {
-        "seeds": _whole(table, "seeds", 1),
-        "first_seed": _whole(table, "first_seed", 0, 0),
-        "frames": _whole(table, "frames", None),
-        "scale": table.take("scale", float, 1.0),
-    }
+    common = {key: _whole(table, key, *of) for key, of in _WHOLE.items()} | {"scale": table.take("scale", float, 1.0)}
     name = table.take("name", str, path.stem)
     table.finish()
     table = file.take_table("sequences")  # the user's own: scene file by name
@@ -80,6 +75,10 @@ def load_study(path: str | Path) -> Study:
     return Study(path, name, tuple(plans.values()))
 
 
+_WHOLE: dict[str, tuple[int | None, int]] = {"seeds": (1, 1), "first_seed": (0, 0), "frames": (None, 1)}
+"""Of [study], and of a grid that differs: what it is by default, and the least that it can be."""
+
+
 def _grid(grid: Table, number: int, common: dict[str, Any], scenes: dict[str, Path]) -> list[Plan]:
     """The plans of one [[grid]]: every combination of what it lists; ``common`` is what it inherits from [study]."""
     axes = (
@@ -89,31 +88,21 @@ def _grid(grid: Table, number: int, common: dict[str, Any], scenes: dict[str, Pa
         _values(grid, "dof", int),
         _values(grid, "algorithms", str),
     )
-    seeds = _whole(grid, "seeds", common["seeds"])
-    first_seed = _whole(grid, "first_seed", common["first_seed"], 0)
-    frames = _whole(grid, "frames", common["frames"])
+    seeds, seed, frames = (_whole(grid, key, common[key], least) for key, (_, least) in _WHOLE.items())
     grid.finish()
-    plans = []
+    plans, scale = [], common["scale"]
     for sequence, preset, evaluations, dof, algorithm in product(*axes):
         name, *extras = algorithm.split("+")
         if not set(extras) <= set(_EXTRAS):
             raise grid.error(f"algorithm '{algorithm}' has another + than {list(_EXTRAS)}", "correct that value")
+        values = {"dof": dof, "evaluations": evaluations, "seed": seed, "runs": seeds, "preset": preset, "scale": scale}
         try:
-            config = TrackConfig(
-                algorithm=name,
-                polish="polish" in extras,
-                dof=dof,
-                evaluations=evaluations,
-                seed=first_seed,
-                runs=seeds,
-                preset=preset,
-                scale=common["scale"],
-            )
+            config = TrackConfig(algorithm=name, polish="polish" in extras, **values)
         except ValueError as error:
             raise grid.error(str(error), "correct that value") from None
         if sequence not in scenes and dof not in _PERSON_DOFS:  # who is in a scene of one's own is not known yet
             raise grid.error(f"dof must be one of {list(_PERSON_DOFS)}, got {dof}", "correct that value")
-        clip = Clip(sequence, scenes.get(sequence), frames, common["scale"])
+        clip = Clip(sequence, scenes.get(sequence), frames, scale)
         cell = Cell(sequence, algorithm, dof, config.budget, preset)
         plans.append(Plan(cell, clip, config, "solved" in extras, number))
     return plans
@@ -129,7 +118,7 @@ def _values(table: Table, key: str, kind: type, default: Any = ...) -> list[Any]
     return values
 
 
-def _whole(table: Table, key: str, default: int | None, least: int = 1) -> Any:
+def _whole(table: Table, key: str, default: int | None, least: int) -> Any:
     value = table.take(key, int, default)
     if value is not None and value < least:
         raise table.error(f"{key} = {value} is below {least}", f"give {least} or more")

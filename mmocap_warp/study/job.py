@@ -1,4 +1,4 @@
-"""A cell as work: what a worker is given, and what it tells while it tracks."""
+"""A cell as work: what a worker is given, and how it is tracked."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.code_hash import code_hash
-from mmocap_warp.device.resolve import resolve_device
+from mmocap_warp.device.resolve import device_kind, resolve_device
 from mmocap_warp.errors import InputError
+from mmocap_warp.jobs.engine import LESS_MEMORY, Advance, Refusal
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.study.cell import Cell, CellResult
@@ -27,9 +28,6 @@ from mmocap_warp.tracking.track_config import TrackConfig
 _SECONDS_BETWEEN_REPORTS = 0.5
 _SAME = "give all machines the same files and version; if they have changed since, run the study again"
 
-LESS_MEMORY = "give the study fewer seeds or frames, or run fewer workers at a time on this machine"
-"""What a user can do about a worker that ran out of memory."""
-
 
 @dataclass(frozen=True)
 class Job:
@@ -42,23 +40,6 @@ class Job:
     study: str  # the study's name
     code: str  # hash of the code where the study was started; a worker that runs other code refuses
     solved: bool = False  # whether the body is solved from the clip, instead of taken as given
-
-
-@dataclass(frozen=True)
-class Advance:
-    """How far a worker is with its job."""
-
-    stage: str  # ``masks`` while they are read or made, ``search`` after that
-    done: int  # frames that are done
-    total: int  # frames of the clip
-    evaluations: int  # that were spent so far, of all runs together
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """The job cannot be done, here or elsewhere, until the user mends something."""
-
-    problem: str
 
 
 class Worker:
@@ -106,29 +87,23 @@ class Worker:
         tracked = collect(clip.subject, clip.rig, clip.fps, config, answers)
         if config.acceleration:
             tracked = smoothed(tracked, config, self._observations)
-        per_frame, per_run = measure(tracked, clip.truth)
-        yield CellResult(
-            cell=job.cell,
-            seeds=np.arange(config.seed, config.seed + config.runs, dtype=np.int64),
-            frames=tracked.frame_numbers.astype(np.int64),
-            per_frame=per_frame,
-            per_run=per_run,
-            pose=tracked.pose.astype(np.float32),
-            meta={
-                "fps": clip.fps,
-                "cameras": list(clip.rig.names),
-                "size": clip.rig.size.tolist(),
-                "config": {name: value for name, value in tracked.config.items() if name not in ("device", "threads")},
-                "device": device_kind(self.device),
-                "versions": tracked.versions,
-                "code": job.code,
-                "code_covers": _covered(job.config, job.clip, job.solved),
-                "host": socket.gethostname(),
-                "started": started,
-                "wall_seconds": time.perf_counter() - begun,
-                "study": job.study,
-            },
-        )
+        meta = {
+            "fps": clip.fps,
+            "cameras": list(clip.rig.names),
+            "size": clip.rig.size.tolist(),
+            "config": {name: value for name, value in tracked.config.items() if name not in ("device", "threads")},
+            "device": device_kind(self.device),
+            "versions": tracked.versions,
+            "code": job.code,
+            "code_covers": _covered(job.config, job.clip, job.solved),
+            "host": socket.gethostname(),
+            "started": started,
+            "study": job.study,
+        }
+        seeds = np.arange(config.seed, config.seed + config.runs, dtype=np.int64)
+        numbers, per_frame, per_run = tracked.frame_numbers.astype(np.int64), *measure(tracked, clip.truth)
+        meta["wall_seconds"] = time.perf_counter() - begun
+        yield CellResult(job.cell, seeds, numbers, per_frame, per_run, tracked.pose.astype(np.float32), meta)
 
     def _solve(self, job: Job, clip: OpenClip) -> Subject:
         """The clip's subject with its body solved, once for all runs and for all trackers of the same first seed."""
@@ -157,14 +132,9 @@ class Worker:
 def solved_subject(
     clip: OpenClip, masks: Sequence[Observation], seed: int, device: str, threads: int | None
 ) -> Subject:
-    """A clip's subject in its first pose, with the body that frames of the clip's beginning show.
+    """A clip's subject in its first pose, with the body that frames of the clip's beginning show in its ``masks``.
 
-    Args:
-        clip: whose subject, cameras and frame rate count.
-        masks: of the clip's frames.
-        seed: of what follows the subject through these frames.
-        device: a Warp device.
-        threads: CPU threads; None for all that this process may use.
+    ``seed``, ``device`` and ``threads`` are of the tracker that follows the subject through these frames.
     """
     from mmocap_warp.fitting.clip_body import frames_to_follow, solve_body_in_clip
     from mmocap_warp.fitting.subject_fit import FitConfig
@@ -188,11 +158,6 @@ def _covered(config: TrackConfig, clip: Clip, solved: bool) -> dict[str, bool]:
     return {"contours": contours, "recorded": clip.scene is not None}
 
 
-def device_kind(device: str) -> str:
-    """``cpu`` or ``cuda``: results of one kind are the same bits on any number of such devices."""
-    return "cpu" if resolve_device(device) == "cpu" else "cuda"
-
-
 def _is_out_of_memory(error: Exception) -> bool:
     """Whether Python, NumPy or Warp had not the memory for something; Warp has no exception of its own for it."""
     told = str(error)
@@ -202,12 +167,9 @@ def _is_out_of_memory(error: Exception) -> bool:
 class _Pace:
     """Says when the next report is due."""
 
-    def __init__(self) -> None:
-        self._next = 0.0
+    _next = 0.0
 
     def due(self) -> bool:
-        now = time.monotonic()
-        if now < self._next:
-            return False
-        self._next = now + _SECONDS_BETWEEN_REPORTS
-        return True
+        is_due = (now := time.monotonic()) >= self._next
+        self._next = now + _SECONDS_BETWEEN_REPORTS if is_due else self._next
+        return is_due

@@ -5,22 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from mmocap_warp.body.posing import skin_positions
+from mmocap_warp.result import pose_errors
 from mmocap_warp.result.marker_errors import marker_errors
-from mmocap_warp.result.pose_errors import (
-    HEAD_TOP,
-    LOST_LIMB,
-    aligned_error,
-    common_frames,
-    growth,
-    head_top,
-    nanmean,
-    on_all_frames,
-    second_differences,
-)
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth, at_rate
 
-TRUNK = ("Root", "Neck", HEAD_TOP)
+TRUNK = ("Root", "Neck", pose_errors.HEAD_TOP)
 """With the limbs' twelve they make HumanEva's fifteen joints: pelvis, thorax and top of the head, by our names."""
 
 _ERRORS = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe")
@@ -42,10 +32,10 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         - ``eq20_as_printed``, ``marker_error``: Eq. 20 from the given first pose, and from the run's own first answer
           [m], see :mod:`mmocap_warp.result.marker_errors`;
         - ``joint_error``: mean distance over ``TRUNK`` and the judged joints [m], as far as the truth names them;
-        - ``mpjpe``: the same over the twelve joints of the limbs [m];
-        - ``pa_mpjpe``: that after the best similarity transform of each frame [m];
-        - ``iou``: mean over the views that were judged, NaN in a lost frame;
-        - ``cost``: what the search minimised, Eq. 4-5 unless told otherwise, likewise.
+        - ``mpjpe``: the same over the twelve joints of the limbs [m]; ``pa_mpjpe``: that after the best similarity
+          transform of each frame [m];
+        - ``iou``: mean over the views that were judged, NaN in a lost frame; ``cost``: what the search minimised,
+          Eq. 4-5 unless told otherwise, likewise.
 
         Per run, (run,) float64 each:
 
@@ -55,37 +45,34 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         - ``foot_slide``: see :func:`foot_slide` [m/s];
         - ``frames_lost``: frames in which no view could be judged;
         - ``limb_lost``: frames in which a wrist or ankle is over 200 mm off, NaN without truth of any;
-        - ``eq20_as_printed_floor``, ``marker_error_floor``: what the tracked body scores at the true angles [m], the
-          same in each run, NaN where these are unknown;
-        - ``eq20_as_printed_left_out``: markers that do not count as printed, the same in each run;
+        - the same in each run: ``eq20_as_printed_floor``, ``marker_error_floor``, what the tracked body scores at the
+          true angles [m], NaN where these are unknown; ``eq20_as_printed_left_out``, markers that do not count;
         - ``seconds``: of the search, all runs together; ``evaluations``: of the run, all frames together.
 
     Raises:
         InputError: truth that shares no frame, or neither markers nor joints, with the result, or has fewer frames a
             second.
     """
-    joints = result.joints()
-    shape = result.pose.shape[:2]
+    joints, shape = result.joints(), result.pose.shape[:2]
     per_frame = {name: np.full(shape, np.nan) for name in _ERRORS}
-    of_truth = {name: np.nan for name in _OF_TRUTH}
-    limb_lost = grown = np.full(shape[0], np.nan)
+    of_truth: dict[str, float] = dict.fromkeys(_OF_TRUTH, np.nan)
+    limb_lost = grown = unknown = np.full(shape[0], np.nan)
     if truth is not None:
         truth = at_rate(truth, result.fps)
-        mine, theirs = common_frames(result, truth)
+        mine, theirs = pose_errors.common_frames(result, truth)
         markers = marker_errors(result, truth, mine, theirs)
-        per_frame["eq20_as_printed"] = on_all_frames(markers.as_printed, mine, result)
-        per_frame["marker_error"] = on_all_frames(markers.from_own_answer, mine, result)
-        of_truth = {
-            "eq20_as_printed_floor": float(nanmean(markers.as_printed_floor, axis=0)),
-            "marker_error_floor": float(nanmean(markers.from_own_answer_floor, axis=0)),
-            "eq20_as_printed_left_out": markers.left_out,
-        }
+        per_frame["eq20_as_printed"] = pose_errors.on_all_frames(markers.as_printed, mine, result)
+        per_frame["marker_error"] = pose_errors.on_all_frames(markers.from_own_answer, mine, result)
+        floors = (
+            pose_errors.nanmean(each, axis=0) for each in (markers.as_printed_floor, markers.from_own_answer_floor)
+        )
+        of_truth = dict(zip(_OF_TRUTH, (*map(float, floors), markers.left_out), strict=True))
         limb_lost = _judge_joints(result, joints[:, mine], truth, mine, theirs, per_frame)
-        grown = growth(per_frame["mpjpe"][:, mine])
-    per_frame |= {"iou": nanmean(result.iou, axis=2), "cost": result.cost}
-    shake = second_differences(joints, result.frame_numbers, result.fps)
+        grown = pose_errors.growth(per_frame["mpjpe"][:, mine])
+    per_frame |= {"iou": pose_errors.nanmean(result.iou, axis=2), "cost": result.cost}
+    shake = pose_errors.second_differences(joints, result.frame_numbers, result.fps)
     per_run = {
-        "shake": np.median(shake, axis=(1, 2)) if shake.size else np.full(shape[0], np.nan),
+        "shake": np.median(shake, axis=(1, 2)) if shake.size else unknown,
         "growth": grown,
         "jerk": jerk(joints, result.frame_numbers, result.fps),
         "foot_slide": foot_slide(result),
@@ -95,10 +82,9 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         "seconds": np.full(shape[0], result.seconds),
         "evaluations": result.evaluations.sum(axis=1),
     }
-    return (
-        {name: values.astype(np.float32) for name, values in per_frame.items()},
-        {name: values.astype(np.float64) for name, values in per_run.items()},
-    )
+    kinds: tuple[tuple[Metrics, type], ...] = (per_frame, np.float32), (per_run, np.float64)
+    in_kind, once = ({name: np.asarray(each).astype(kind) for name, each in of.items()} for of, kind in kinds)
+    return in_kind, once
 
 
 def jerk(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarray:
@@ -115,7 +101,7 @@ def jerk(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarra
     even = step == step.min()
     whole = even[:-2] & even[1:-1] & even[2:]
     third = np.diff(joints, n=3, axis=1)[:, whole] * (fps / step.min()) ** 3
-    return nanmean(np.linalg.norm(third, axis=-1), axis=(1, 2))
+    return pose_errors.nanmean(np.linalg.norm(third, axis=-1), axis=(1, 2))
 
 
 def foot_slide(result: Result) -> np.ndarray:
@@ -127,15 +113,11 @@ def foot_slide(result: Result) -> np.ndarray:
     no threshold is needed.
     """
     step = np.diff(result.frame_numbers)
-    if not len(step):
+    soles = [_sole(result, joint) for joint in _FEET if joint in result.subject.body.skeleton.joints]
+    if not len(step) or not soles:
         return np.full(len(result.pose), np.nan)
-    rate = result.fps / step.min()
-    feet = [joint for joint in _FEET if joint in result.subject.body.skeleton.joints]
-    if not feet:
-        return np.full(len(result.pose), np.nan)
-    soles = [_sole(result, foot) for foot in feet]
     slower = [np.min([_contact_speed(result, pose, sole) for sole in soles], axis=0) for pose in result.pose]
-    return np.array(slower)[:, step == step.min()].mean(axis=1) * rate
+    return np.array(slower)[:, step == step.min()].mean(axis=1) * (result.fps / step.min())
 
 
 def _contact_speed(result: Result, pose: np.ndarray, sole: np.ndarray) -> np.ndarray:
@@ -159,36 +141,33 @@ def _sole(result: Result, joint: str) -> np.ndarray:
 
 
 def _judge_joints(
-    result: Result,
-    joints: np.ndarray,
-    truth: Truth,
-    mine: np.ndarray,
-    theirs: np.ndarray,
-    per_frame: Metrics,
+    result: Result, joints: np.ndarray, truth: Truth, mine: np.ndarray, theirs: np.ndarray, per_frame: Metrics
 ) -> np.ndarray:
     """Fill in the joint errors of the frames ``mine``; returns how many of them have lost a limb, (run,)."""
     skeleton = result.subject.body.skeleton
     judged = [name for group in skeleton.evaluation_groups.values() for name in group]
     names = [name for name in (*TRUNK, *judged) if name in truth.joint_names]
+    ends = [i for i, name in enumerate(names) if name in skeleton.ends]
+    limbs = [i for i, name in enumerate(names) if name in judged]
     if not names:
         return np.full(len(joints), np.nan)
     known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
     tracked = np.stack([_tracked(result, joints, mine, name) for name in names], axis=2)
     distance = np.linalg.norm(tracked - known, axis=-1)  # (run, common frame, joint)
-    per_frame["joint_error"] = on_all_frames(nanmean(distance, axis=2), mine, result)
-    limbs = [i for i, name in enumerate(names) if name in judged]
-    per_frame["mpjpe"] = on_all_frames(nanmean(distance[..., limbs], axis=2), mine, result)
-    aligned = aligned_error(tracked[:, :, limbs], known[:, limbs])
-    per_frame["pa_mpjpe"] = on_all_frames(aligned, mine, result)
-    ends = [i for i, name in enumerate(names) if name in skeleton.ends]
-    lost = (distance[..., ends] > LOST_LIMB).any(axis=2).sum(axis=1)
+    errors = {
+        "joint_error": pose_errors.nanmean(distance, axis=2),
+        "mpjpe": pose_errors.nanmean(distance[..., limbs], axis=2),
+    }
+    errors["pa_mpjpe"] = pose_errors.aligned_error(tracked[:, :, limbs], known[:, limbs])
+    per_frame |= {name: pose_errors.on_all_frames(error, mine, result) for name, error in errors.items()}
+    lost = (distance[..., ends] > pose_errors.LOST_LIMB).any(axis=2).sum(axis=1)
     return lost.astype(float) if ends else np.full(len(joints), np.nan)
 
 
 def _tracked(result: Result, joints: np.ndarray, mine: np.ndarray, name: str) -> np.ndarray:
     """(run, common frame, 3): where the body has the joint; ``joints`` are (run, common frame, joint, 3)."""
-    if name != HEAD_TOP:
+    if name != pose_errors.HEAD_TOP:
         return joints[:, :, result.subject.body.skeleton.index(name)]
     pose = result.pose[:, mine].reshape(-1, result.pose.shape[2])
-    top = skin_positions(result.subject, pose, np.array([head_top(result.subject.body)]))
+    top = skin_positions(result.subject, pose, np.array([pose_errors.head_top(result.subject.body)]))
     return top.reshape(*joints.shape[:2], 3).astype(np.float64)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,11 +16,11 @@ from mmocap_warp.study.summary import (
     BASELINES,
     EQ_20,
     MEASURE_OF,
-    CellSummary,
     Contender,
     Measure,
     StudySummary,
     algorithm_label,
+    contender,
     in_order,
     ordered,
 )
@@ -47,12 +48,10 @@ def all_trackers(study: StudySummary) -> Table:
         f"All trackers that have tracked {over(study.sequences)}, best first; mean over the sequences. "
         f"{extent(cells) if cells else ''}. Time: of a single run, where it was measured."
     )
-    head = ["Tracker", *(measure.title for measure in measures), "ms a frame, alone", "seeds"]
-    return Table(caption, head, rows)
+    return Table(caption, ["Tracker", *(each.title for each in measures), "ms a frame, alone", "seeds"], rows)
 
 
-@dataclass(frozen=True)
-class Lead:
+class Lead(NamedTuple):
     """Our tracker against the best of the grid on a sequence."""
 
     sequence: str
@@ -60,21 +59,9 @@ class Lead:
     best: Contender  # of the grid
     error: tuple[float, float]  # of ours and of the best, by the main measure
     seconds: tuple[float, float]  # that a frame of a run takes either of them alone; NaN where unknown
-
-    @property
-    def half(self) -> bool:
-        """Whether ours has at most half the error."""
-        return self.error[0] <= 0.5 * self.error[1]
-
-    @property
-    def timed(self) -> bool:
-        """Whether both times are known."""
-        return bool(np.isfinite(self.seconds).all())
-
-    @property
-    def tenth(self) -> bool:
-        """Whether ours takes at most a tenth of the time."""
-        return self.seconds[0] <= 0.1 * self.seconds[1]
+    half: bool  # whether ours has at most half the error
+    timed: bool  # whether both times are known
+    tenth: bool  # whether ours takes at most a tenth of the time
 
 
 def leads(study: StudySummary, sequences: Iterable[str]) -> list[Lead]:
@@ -83,13 +70,9 @@ def leads(study: StudySummary, sequences: Iterable[str]) -> list[Lead]:
     The best of all models; empty without a tracker of ours.
     """
     main, found = study.measures[0], []
+    mine = [cell for cell in study.cells if cell.preset == study.preset and cell.algorithm in study.algorithms]
     for sequence in sequences if study.others else ():
-        ours = study.others[0]
-        rivals = [
-            Contender(cell.algorithm, cell.dof, cell.evaluations)
-            for cell in study.cells
-            if cell.preset == study.preset and cell.sequence == sequence and cell.algorithm in study.algorithms
-        ]
+        ours, rivals = study.others[0], [contender(cell) for cell in mine if cell.sequence == sequence]
         most = max((who.evaluations for who in rivals), default=0)
         error = study.level(ours, main, [sequence])
         levels = {who: study.level(who, main, [sequence]) for who in rivals if who.evaluations == most}
@@ -97,16 +80,17 @@ def leads(study: StudySummary, sequences: Iterable[str]) -> list[Lead]:
         if levels and np.isfinite(error):
             best = min(levels, key=lambda who: (main.sign * levels[who], who))
             seconds = study.milliseconds(ours) / 1000, study.milliseconds(best) / 1000
-            found.append(Lead(sequence, ours, best, (error, levels[best]), seconds))
+            timed, tenth = bool(np.isfinite(seconds).all()), seconds[0] <= 0.1 * seconds[1]
+            both, half = (error, levels[best]), error <= 0.5 * levels[best]
+            found.append(Lead(sequence, ours, best, both, seconds, half, timed, tenth))
     return found
 
 
 def lead_table(study: StudySummary, sequences: Sequence[str]) -> Table | None:
     """:func:`leads` with both readings of Eq. 20 beside; None without any."""
-    found = leads(study, sequences)
+    found, main = leads(study, sequences), study.measures[0]
     if not found:
         return None
-    main = study.measures[0]
     readings = [measure for measure in study.measures if measure.key in EQ_20]
     rows, cells = [], []
     for lead in found:
@@ -149,25 +133,22 @@ def rank_pairs(study: StudySummary, dof: int) -> Table | None:
     columns: list[tuple[str, dict[str, float]]] = []
     blocks = set()
     for budget in study.budgets:
-        rankings = [by_algorithm(study, measure, dof, budget) for measure in (main, FITNESS)]
-        for ranking in (ranking for ranking in rankings if ranking is not None):
+        rankings = [found for each in (main, FITNESS) if (found := by_algorithm(study, each, dof, budget))]
+        for ranking in rankings:
             of = {row.contender.algorithm: row.comparison.rank for row in ranking.rows}
             columns.append((f"{budget:,}: {named(ranking.measure)}", of))
             blocks.add(len(ranking.sequences))
-        printed = paper.printed_ranks(dof, budget)
-        if printed and any(rankings):
+        if rankings and (printed := paper.printed_ranks(dof, budget)):
             columns.append((f"{budget:,}: the paper", printed))
     if not blocks or FITNESS not in study.measures or main == FITNESS:
         return None
-    rows = [
-        [algorithm_label(name), *(f"{of[name]:.3f}" if name in of else DASH for _, of in columns)]
-        for name in study.algorithms
-    ]
+    ranks = {name: [f"{of[name]:.3f}" if name in of else DASH for _, of in columns] for name in study.algorithms}
     over_blocks = " to ".join(map(str, sorted({min(blocks), max(blocks)})))
     caption = (
         f"Average ranks by the error and by the fitness that was searched, {dof} DOF, over {over_blocks} sequences. "
-        f"{extent(study.cells[cell] for cell in study.grid if cell.dof == dof)}."
+        f"{extent(study.of_grid(dof=dof))}."
     )
+    rows = [[algorithm_label(name), *of] for name, of in ranks.items()]
     return Table(caption, ["Algorithm", *(title for title, _ in columns)], rows)
 
 
@@ -203,24 +184,20 @@ def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -
     budgets = sorted({cell.evaluations for cell in others})
     at_budget = {budget: [cell for cell in others if cell.evaluations == budget] for budget in budgets}
     shared = {budget: _shared(study, cells, every) for budget, cells in at_budget.items()}
-    columns = [(budget, preset) for budget in budgets for preset in presets]
-    drawn: list[CellSummary] = []
+    columns, drawn = [(budget, preset) for budget in budgets for preset in presets], []
 
-    def mean(budget: int, preset: str, algorithm: str | None = None) -> str:
+    def mean(budget: int, preset: str, algorithms: Sequence[str]) -> str:
         """Over the cells that any preset has of the shared sequences; a dash where this preset lacks one."""
-        wanted = {
-            replace(cell, preset=preset)
-            for cell in at_budget[budget]
-            if cell.sequence in shared[budget] and algorithm in (None, cell.algorithm)
-        }
+        cells = (cell for cell in at_budget[budget] if cell.sequence in shared[budget] and cell.algorithm in algorithms)
+        wanted = {replace(cell, preset=preset) for cell in cells}
         found = [summary for cell in wanted if (summary := study.cells.get(cell)) and measure.key in summary.runs]
         drawn.extend(found)
         is_whole = found and len(found) == len(wanted)
         return shown(float(np.mean([cell.runs[measure.key].mean() for cell in found])), measure) if is_whole else DASH
 
     names = in_order(cell.algorithm for cell in others)
-    rows = [[algorithm_label(name), *(mean(*at, name) for at in columns)] for name in names]
-    rows.append(["All", *(mean(*at) for at in columns)])
+    rows = [[algorithm_label(name), *(mean(*at, [name]) for at in columns)] for name in names]
+    rows.append(["All", *(mean(*at, names) for at in columns)])
     for who in study.baseline_contenders:
         rows.append([str(who), *(shown(study.level(who, measure, shared[budget]), measure) for budget, _ in columns)])
     where = "; ".join(f"{budget:,} evaluations over {over(shared[budget])}" for budget in budgets)
@@ -248,10 +225,8 @@ def which_half(study: StudySummary) -> list[str]:
     sentences = []
     for title in table.head:
         budget, _, preset = title.partition(": ")
-        halves = {
-            "0.5 rad and 0.02 m": f"{budget}: paper-rotation",
-            "0.02 rad and 0.5 m": f"{budget}: paper-translation",
-        }
+        pairs = {"0.5 rad and 0.02 m": "paper-rotation", "0.02 rad and 0.5 m": "paper-translation"}
+        halves = {radii: f"{budget}: {preset}" for radii, preset in pairs.items()}
         if preset != study.preset or not all(total.get(column, DASH) != DASH for column in halves.values()):
             continue
         shares = "; ".join(f"{total[column]} % with {radii}" for radii, column in halves.items())
@@ -265,10 +240,8 @@ def which_half(study: StudySummary) -> list[str]:
             gained = {row["Algorithm"]: float(row[column]) - float(row[title]) for row in rows}
             more = ", ".join(name for name, points in gained.items() if points >= _MIN_POINTS) or "none"
             less = ", ".join(name for name, points in gained.items() if points <= -_MIN_POINTS) or "none"
-            sentence += (
-                f" With {radii} limbs are lost in {_MIN_POINTS} % more of the frames, or above that: {more}; "
-                f"less: {less}."
-            )
+            limbs = f" With {radii} limbs are lost in {_MIN_POINTS} % more of the frames, or above that"
+            sentence += f"{limbs}: {more}; less: {less}."
         sentences.append(sentence)
     return sentences
 
@@ -283,20 +256,16 @@ def missing(study: StudySummary) -> list[str]:
     for preset, dof, budget in order:
         planned = groups[preset, dof, budget]
         absent = [cell for cell in planned if cell not in study.cells]
-        setting = f"{dof} DOF, {budget:,} evaluations, preset {preset}"
+        setting, cells = f"{dof} DOF, {budget:,} evaluations, preset {preset}", counted(len(planned), "cell")
         if absent and len(absent) == len(planned):
-            sentences.append(f"{setting}: none of {counted(len(planned), 'cell')} was run.")
+            sentences.append(f"{setting}: none of {cells} was run.")
         elif absent:
             which = []
             for name in in_order(cell.algorithm for cell in absent):
-                lacking, wanted = (
-                    {cell.sequence for cell in cells if cell.algorithm == name} for cells in (absent, planned)
-                )
-                in_words = "all" if lacking == wanted else ", ".join(sorted(lacking))
-                which.append(f"{algorithm_label(name)}: {in_words}")
+                lacking, wanted = ({cell.sequence for cell in of if cell.algorithm == name} for of in (absent, planned))
+                which.append(f"{algorithm_label(name)}: {'all' if lacking == wanted else ', '.join(sorted(lacking))}")
             were = "was" if len(absent) == 1 else "were"
-            listing = "; ".join(which)
-            sentences.append(f"{setting}: {len(absent)} of {counted(len(planned), 'cell')} {were} not run ({listing}).")
+            sentences.append(f"{setting}: {len(absent)} of {cells} {were} not run ({'; '.join(which)}).")
     return sentences
 
 

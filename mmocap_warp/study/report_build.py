@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, astuple
 from html import escape
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -34,12 +35,7 @@ _UNIT_SUFFIX = {"mm": "_mm", "%": "_percent", "mm/s": "_mm_per_s", "m/s³": "_m_
 
 
 def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] = ()) -> str:
-    """The whole page.
-
-    Args:
-        study: what it is about; one cell at least.
-        clips: the recordings at hand by sequence, for pictures of the tracked body.
-        notes: remarks for the section on the setting, such as on files that could not be read.
+    """The whole page. ``clips`` are the recordings at hand by sequence, for pictures; ``notes`` go to the setting.
 
     Raises:
         ValueError: a study without a measure that every figure could show.
@@ -61,7 +57,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         setting_section(study, notes),
         Section("cite", "How to cite", [fill("cite", bibtex=resource(_HERE, "paper.bib"))]),
     )
-    sections = [section for section in candidates if section is not None]
+    sections = [section._asdict() for section in candidates if section is not None]
     names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")} - {"study"})
     return filled(
         resource(_HERE, "report.html"),
@@ -71,28 +67,22 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         eyebrow=escape(f"Study {', '.join(names)}" if names else "Study"),
         lead=escape(grid_sentence(study)),
         cards=cards,
-        contents="".join(fill("contents", **section._asdict()) for section in sections),
+        contents="".join(fill("contents", **section) for section in sections),
         controls=_controls(study),
-        sections="\n".join(fill("section", **section._asdict()) for section in sections),
+        sections="\n".join(fill("section", **section) for section in sections),
         footer=escape(f"Written by mmocap-warp {__version__}."),
     )
 
 
 def write_report(
-    study: StudySummary,
-    clips: Mapping[str, Clip],
-    notes: Sequence[str],
-    page: Path,
-    tables: Path,
-    cells: Path,
+    study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str], page: Path, tables: Path, cells: Path
 ) -> None:
     """Write the page, its tables as Markdown, and a CSV file with a line per cell; each whole or not at all.
 
-    Files that exist are replaced. For ``study``, ``clips`` and ``notes`` see :func:`render`.
+    Files that exist are replaced. For ``study``, ``clips`` and ``notes``, and the ValueError, see :func:`render`.
 
     Raises:
         InputError: a file cannot be written.
-        ValueError: see :func:`render`.
     """
     write_whole(page, render(study, clips, notes).encode())
     write_whole(tables, markdown_tables(study).encode())
@@ -115,11 +105,11 @@ def _controls(study: StudySummary) -> Html:
         ("budget", "Evaluations per frame"): {budget: f"{budget:,}" for budget in study.budgets},
         ("sequence", "Sequence"): {name: name for name in study.sequences},
     }
-    lists = []
+    lists = ""
     for (name, title), labels in kinds.items():
         options = [fill("option", value=value, label=label) for value, label in labels.items()]
-        lists.append(fill("control", title=title, name=name, options=options))
-    return Html("".join(lists))
+        lists += fill("control", title=title, name=name, options=options)
+    return Html(lists)
 
 
 def csv_table(study: StudySummary) -> str:
@@ -178,22 +168,18 @@ def _titled(title: str, table: Table | None) -> str:
 def _csv_line(cell: CellSummary, measures: Sequence[Measure]) -> dict[str, object]:
     line: dict[str, object] = asdict(cell.cell) | {"seeds": len(cell.seeds), "frames": len(cell.frames)}
     for measure in measures:
-        runs = cell.runs.get(measure.key)
+        runs = cell.runs.get(measure.key, np.zeros(0))
         name = measure.key + _UNIT_SUFFIX.get(measure.unit, "")
-        line[name] = "" if runs is None else _significant(float(runs.mean()))
-        line[f"{name}_sd"] = "" if runs is None or len(runs) < 2 else _significant(float(runs.std(ddof=1)))
+        line[name] = _significant(float(runs.mean())) if len(runs) else ""
+        line[f"{name}_sd"] = _significant(float(runs.std(ddof=1))) if len(runs) > 1 else ""
         if measure.key in EQ_20:
             line[f"{measure.key}_floor_mm"] = _significant(cell.floors.get(measure.key, np.nan))
     main = measures[0].key
     for label, value in zip(("min", "q1", "median", "q3", "max"), cell.spread.get(main, [np.nan] * 5), strict=True):
         line[f"{main}_{label}"] = _significant(float(value))
-    return line | {
-        "frames_lost": _significant(cell.frames_lost),
-        "seconds": _significant(cell.seconds),
-        "evaluations_spent": cell.evaluations,
-        "device": cell.meta.get("versions", {}).get("device", ""),
-        "started": cell.meta.get("started", ""),
-    }
+    line |= {"frames_lost": _significant(cell.frames_lost), "seconds": _significant(cell.seconds)}
+    line |= {"evaluations_spent": cell.evaluations, "device": cell.meta.get("versions", {}).get("device", "")}
+    return line | {"started": cell.meta.get("started", "")}
 
 
 def _significant(value: float) -> str:
@@ -204,13 +190,13 @@ def _rankings(rankings: Sequence[Ranking], title: str) -> Iterator[str]:
     """Rankings side by side with their tests below, and then their effects' sizes."""
     if not rankings:
         return
-    rows = ranking_rows(rankings, lambda p: f"**{p}**")
-    tested: list[list[str]] = [[], [], []]
-    for test in (ranking.test for ranking in rankings):
-        tested[0] += ["Friedman", f"{test.statistic:.3f}" if test else "", p_value(test.p) if test else ""]
-        tested[1] += ["Iman–Davenport F", statistic(test.f) if test else "", p_value(test.f_p) if test else ""]
-        tested[2] += ["Kendall’s W", f"{test.kendall_w:.2f}" if test else "", ""]
-    rows += [[*line, ""] for line in tested]
+    rows, tests = ranking_rows(rankings, lambda p: f"**{p}**"), [ranking.test for ranking in rankings]
+    told = [
+        [("Friedman", f"{test.statistic:.3f}", p_value(test.p)) if test else ("Friedman", "", "") for test in tests],
+        [("Iman–Davenport F", *((statistic(test.f), p_value(test.f_p)) if test else ("", ""))) for test in tests],
+        [("Kendall’s W", f"{test.kendall_w:.2f}" if test else "", "") for test in tests],
+    ]
+    rows += [[*chain.from_iterable(line), ""] for line in told]
     head = [*(RANK_HEAD * len(rankings)), "Holm"]
     size = ", ".join(f"{ranking.seeds} seeds over {len(ranking.sequences)} sequences" for ranking in rankings)
     yield Table(f"{size}.", head, rows).markdown(title)

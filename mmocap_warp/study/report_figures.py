@@ -26,9 +26,8 @@ _WHISKER_REACH = 2.0  # in upper quartiles; longer whiskers are cut off and mark
 
 def rank_figure(ranking: Ranking, algorithms: Sequence[str]) -> str:
     """Average ranks with their intervals, beside the paper's where it has them: a line per algorithm."""
-    top, width = 24.0, 320.0
+    top, width, worst = 24.0, 320.0, max(len(algorithms), 2)
     bottom = top + 24.0 * len(algorithms)
-    worst = max(len(algorithms), 2)
     x = chart.Axis(0.6, worst + 0.4, 76.0, width, tuple(range(1, worst + 1)))
     y = chart.categories([algorithm_label(name) for name in algorithms], top, bottom)
     first = ranking.rows[0].contender
@@ -42,9 +41,14 @@ def rank_figure(ranking: Ranking, algorithms: Sequence[str]) -> str:
         if found is not None:
             low, high = ((x.at(end), y.at(row)) for end in found.rank_interval)
             dot = chart.dots(x, y, [(found.comparison.rank, row)], 5)
-            parts.append(f'<g class="{escape(mark_class(name))}">{chart.line(low, high, "range")}{dot}</g>')
+            parts.append(_marked(name, chart.line(low, high, "range") + dot))
     label = f"Average rank of each algorithm, {first.dof} DOF, {first.evaluations} evaluations per frame"
     return chart.figure((width, bottom + 22), label, parts)
+
+
+def _marked(name: str, shape: str, kind: str = "") -> str:
+    """A shape in an algorithm's colour."""
+    return f'<g class="{escape(mark_class(name))}{kind}">{shape}</g>'
 
 
 def box_figure(study: StudySummary, measure: Measure, title: str, kinds: Sequence[Contender]) -> str:
@@ -53,56 +57,50 @@ def box_figure(study: StudySummary, measure: Measure, title: str, kinds: Sequenc
     A box holds the middle half, its line is the median, whiskers reach to minimum and maximum. A rule through a
     sequence is the median of a baseline, where it lies within.
     """
-    cells = {
-        (sequence, who): cell
-        for who in kinds
-        for sequence, cell in study.known(who, study.sequences, measure).items()
-        if measure.key in cell.spread
-    }
-    if not cells:
+
+    def spreads(who: Contender) -> dict[str, np.ndarray]:
+        known = study.known(who, study.sequences, measure)
+        return {name: cell.spread[measure.key] for name, cell in known.items() if measure.key in cell.spread}
+
+    boxes = {who: spreads(who) for who in kinds}
+    every = np.array([spread for of in boxes.values() for spread in of.values()])
+    if not len(every):
         return ""
     height, bottom = 304.0, 262.0
     # The action, and below it the subject.
-    names = ["\n".join(sequence.rpartition("/")[::-2]) for sequence in study.sequences]
-    x = chart.categories(names, _LEFT, _WIDTH - _RIGHT)
-    y = _spread_axis(list(cells.values()), measure, bottom)
+    x = chart.categories(["\n".join(name.rpartition("/")[::-2]) for name in study.sequences], _LEFT, _WIDTH - _RIGHT)
+    y = _spread_axis(every, measure, bottom)
     parts = [chart.axes(x, y, y_label=measure.title)]
     parts += [chart.line((x.at(s), _TOP), (x.at(s), bottom), "grid") for s in range(1, len(study.sequences))]
     for who in study.baseline_contenders:
         # A rule at the median through each sequence's stretch, where the axis reaches that far.
-        rules = ""
-        for sequence, still in study.known(who, study.sequences, measure).items():
-            if measure.key in still.spread and still.spread[measure.key][2] <= y.high:
-                at, place = y.at(still.spread[measure.key][2]), study.sequences.index(sequence)
-                rules += chart.line((x.at(place), at), (x.at(place + 1), at), "curve")
-        parts.append(f'<g class="{mark_class(who.algorithm)}">{rules}</g>')
+        levels = {study.sequences.index(name): spread[2] for name, spread in spreads(who).items()}
+        ends = [((x.at(i), y.at(at)), (x.at(i + 1), y.at(at))) for i, at in levels.items() if at <= y.high]
+        parts.append(_marked(who.algorithm, "".join(chart.line(*both, "curve") for both in ends)))
     pitch = min((x.at(1) - x.at(0)) * 0.86 / len(kinds), 30.0)
     for k, who in enumerate(kinds):
         shift = (k - (len(kinds) - 1) / 2) * pitch
-        drawn = [
-            chart.box(cell.spread[measure.key], y, x.at(tick) + shift, pitch * 0.72)
-            for tick, sequence in zip(x.ticks, study.sequences, strict=True)
-            if (cell := cells.get((sequence, who))) is not None
-        ]
-        model = "large" if who.dof == study.models[0] else "small"
-        shapes, medians = "".join(shape for shape, _ in drawn), "".join(median for _, median in drawn)
-        parts.append(f'<g class="{escape(mark_class(who.algorithm))} {model}"><path class="box" d="{shapes}"/>')
-        parts.append(f'<path class="median" d="{medians}"/></g>')
+        at = {name: x.at(tick) + shift for name, tick in zip(study.sequences, x.ticks, strict=True)}
+        drawn = [chart.box(spread, y, at[name], pitch * 0.72) for name, spread in boxes[who].items()]
+        shapes, medians = ("".join(each) for each in zip(*drawn, strict=True)) if drawn else ("", "")
+        shape = f'<path class="box" d="{shapes}"/><path class="median" d="{medians}"/>'
+        parts.append(_marked(who.algorithm, shape, " large" if who.dof == study.models[0] else " small"))
     return chart.figure((_WIDTH, height), f"{measure.label} of {title} by sequence", parts)
 
 
-def _shown_beside(study: StudySummary) -> list[Contender]:
-    """What stands beside the grid in curves: of our trackers those with the best known body, and the baselines."""
+def _drawn_curves(study: StudySummary, dof: int, budget: int) -> list[Contender]:
+    """Whose curves are drawn: of our trackers those with the best known body, and the baselines, beside the grid."""
     first: dict[str, Contender] = {}
     for who in study.others:
         if "+polish" not in who.algorithm:
             first.setdefault(who.algorithm.partition("+")[0], who)
-    return [*first.values(), *study.baseline_contenders]
+    grid = [Contender(name, dof, budget) for name in study.algorithms]
+    return [*grid, *first.values(), *study.baseline_contenders]
 
 
 def curves_legend(study: StudySummary) -> Html:
     """The names of all curves of :func:`curve_figure` and :func:`growth_figure`."""
-    return legend([*study.algorithms, *(who.algorithm for who in _shown_beside(study))])
+    return legend([who.algorithm for who in _drawn_curves(study, 0, 0)])
 
 
 def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int, budget: int) -> str:
@@ -110,33 +108,28 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
 
     Our trackers and the baselines are drawn as well. The axis is logarithmic where values are far apart.
     """
-    grid = [Contender(name, dof, budget) for name in study.algorithms]
-    curves = {
-        who.algorithm: cell
-        for who in [*grid, *_shown_beside(study)]
-        for cell in study.known(who, [sequence], measure).values()
-        if measure.key in cell.curve
-    }
-    if not curves.keys() & set(study.algorithms):
-        return ""
-    frames = np.concatenate([cell.frames for cell in curves.values()])
-    x = chart.axis(float(frames.min()), float(frames.max()), _LEFT, _WIDTH - _RIGHT, 8)
     points = {}
-    for name, cell in curves.items():
-        # Where there are more frames than a figure can show, the curve's means over a few at a time.
-        step = -(-len(cell.frames) // _CURVE_POINTS)
-        values = cell.curve[measure.key]
-        if step > 1:
-            values = np.array([_mean_known(values[start : start + step]) for start in range(0, len(values), step)])
-        points[name] = cell.frames[::step], values
+    for who in _drawn_curves(study, dof, budget):
+        for cell in study.known(who, [sequence], measure).values():
+            if (values := cell.curve.get(measure.key)) is not None:
+                # Where there are more frames than a figure can show, the curve's means over a few at a time.
+                step = -(-len(cell.frames) // _CURVE_POINTS)
+                if step > 1:
+                    starts = range(0, len(values), step)
+                    values = np.array([_mean_known(values[start : start + step]) for start in starts])
+                points[who.algorithm] = cell.frames[::step], values, cell.frames[-1]
+    if not points.keys() & set(study.algorithms):
+        return ""
+    first, last = min(numbers[0] for numbers, *_ in points.values()), max(last for *_, last in points.values())
+    x = chart.axis(float(first), float(last), _LEFT, _WIDTH - _RIGHT, 8)
     label = f"{measure.label} against frame in {sequence}, {dof} DOF, {budget} evaluations per frame"
-    return _curves(points, measure, x, "frame", label)
+    return _curves({name: of[:2] for name, of in points.items()}, measure, x, "frame", label)
 
 
 def growth_figure(study: StudySummary, measure: Measure, dof: int, budget: int) -> str:
     """The mean over sequences of each tenth of the clips, a curve per tracker; empty where nothing is known."""
     points = {}
-    for who in [*(Contender(name, dof, budget) for name in study.algorithms), *_shown_beside(study)]:
+    for who in _drawn_curves(study, dof, budget):
         curves = [cell.curve[measure.key] for cell in study.cells_of([who], measure) if measure.key in cell.curve]
         if len(curves) == len(study.sequences) and min(len(values) for values in curves) >= _TENTHS:
             means = [[_mean_known(part) for part in np.array_split(values, _TENTHS)] for values in curves]
@@ -187,14 +180,11 @@ def time_error_figure(study: StudySummary, measure: Measure) -> str:
     parts.append(chart.line((x.at(theirs), top), (x.at(theirs), bottom), "mark"))
     parts.append(chart.text((x.at(theirs) - 6, bottom - 8), "the paper, 500 evaluations", anchor="end"))
     for name, places in placed.items():
-        shape = f"{chart.curve(x, y, places) if len(places) > 1 else ''}{chart.dots(x, y, places, 4.5)}"
-        parts.append(f'<g class="{mark_class(name)}">{shape}</g>')
-    ours = {
-        name: [(x.at(time), y.at(error)) for time, error in places]
-        for name, places in placed.items()
-        if name not in study.algorithms
-    }
-    parts += _names_beside(ours)
+        parts.append(
+            _marked(name, (chart.curve(x, y, places) if len(places) > 1 else "") + chart.dots(x, y, places, 4.5))
+        )
+    ours = {name: places for name, places in placed.items() if name not in study.algorithms}
+    parts += _names_beside({name: [(x.at(a), y.at(b)) for a, b in places] for name, places in ours.items()})
     words = baseline_words(study, measure)
     parts.append(chart.text((_WIDTH - right, top - 9), f"{words} ↑" if words else "", anchor="end"))
     return chart.figure((_WIDTH, height), f"{measure.label} against time per frame of all trackers", parts)
@@ -214,18 +204,17 @@ def _names_beside(dots_of: dict[str, list[tuple[float, float]]]) -> list[str]:
     """Names by the first dot (x, y) of each algorithm: right of it, left of it or above it, where no other dot is."""
     every = [dot for places in dots_of.values() for dot in places]
     parts, below = [], {"start": -np.inf, "end": -np.inf, "middle": -np.inf}
-    first = [(name, *places[0]) for name, places in dots_of.items()]
-    for name, across, height in sorted(first, key=lambda dot: dot[2]):
+    for name, (across, height) in sorted(
+        ((name, places[0]) for name, places in dots_of.items()), key=lambda dot: dot[1][1]
+    ):
         apart = [x - across for x, y in every if abs(y - height) < _NAME_HEIGHT]
+        anchor, x, y = "middle", across, height - 13
         if not any(0 < away < _NAME_WIDTH for away in apart):
             anchor, x, y = "start", across + 9, height + 4
         elif not any(_DOT_WIDTH < -away < _NAME_WIDTH for away in apart):  # nearer dots' names are on the left, too
             anchor, x, y = "end", across - 9, height + 4
-        else:
-            anchor, x, y = "middle", across, height - 13
         below[anchor] = max(y, below[anchor] + _NAME_HEIGHT)
-        word = chart.text((x, below[anchor]), algorithm_label(name), "series", anchor)
-        parts.append(f'<g class="{mark_class(name)}">{word}</g>')
+        parts.append(_marked(name, chart.text((x, below[anchor]), algorithm_label(name), "series", anchor)))
     return parts
 
 
@@ -277,19 +266,16 @@ def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], 
     parts = [chart.axes(x, y, "evaluations per frame", unit)]
     for name in reversed(points):
         measured = [(budget, value) for budget, value in points[name] if np.isfinite(value)]
-        shape = chart.curve(x, y, measured) + chart.dots(x, y, measured)
-        parts.append(f'<g class="{escape(mark_class(name))}">{shape}</g>')
+        parts.append(_marked(name, chart.curve(x, y, measured) + chart.dots(x, y, measured)))
     return chart.figure((width, height), label, parts)
 
 
-def _spread_axis(cells: list[CellSummary], measure: Measure, bottom: float) -> chart.Axis:
-    """Long enough for every box and for all but the longest whiskers."""
-    spread = np.array([cell.spread[measure.key] for cell in cells])
+def _spread_axis(spread: np.ndarray, measure: Measure, bottom: float) -> chart.Axis:
+    """Long enough for every box (box, 5) and for all but the longest whiskers."""
+    low, high = 0.0, min(spread[:, 4].max(), _WHISKER_REACH * spread[:, 3].max())
     if measure.higher_is_better:
         high, quartile = spread[:, 4].max(), spread[:, 1].min()
         low = max(spread[:, 0].min(), quartile - (_WHISKER_REACH - 1) * (high - quartile))
-    else:
-        low, high = 0.0, min(spread[:, 4].max(), _WHISKER_REACH * spread[:, 3].max())
     return chart.axis(float(low), float(high), bottom, _TOP)
 
 

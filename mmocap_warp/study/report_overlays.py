@@ -64,9 +64,8 @@ def open_recording(clip: Clip, frames: Iterable[int]) -> Recording:
 
 def extreme_frames(cell: CellSummary, measure: Measure) -> tuple[int, int]:
     """Positions of the best and the worst frame of a cell's typical run, once tracking has settled."""
-    curve = cell.typical_curve * (-1 if measure.higher_is_better else 1)
-    start = int(len(curve) * _SETTLED)
-    settled = curve[start:]
+    start = int(len(cell.typical_curve) * _SETTLED)
+    settled = measure.sign * cell.typical_curve[start:]
     if not np.isfinite(settled).any():
         return start, start
     return start + int(np.nanargmin(settled)), start + int(np.nanargmax(settled))
@@ -77,17 +76,14 @@ def best_and_worst(
 ) -> Iterator[tuple[Picture, Picture]]:
     """The control's best and worst frame of each sequence whose recording is at hand."""
     control = ranking.rows[0].contender
-    for sequence in ranking.sequences:
-        cell = study.find(sequence, control.algorithm, control.dof, control.evaluations)
-        if cell is None or sequence not in clips:
-            continue
-        places = extreme_frames(cell, measure)
-        recording = open_recording(clips[sequence], [int(cell.frames[place]) for place in places])
-        if not is_of(cell, recording.subject, recording.rig):
-            continue
-        best, worst = (_picture(recording, cell, place) for place in places)
-        if best is not None and worst is not None:
-            yield best, worst
+    for sequence, cell in study.known(control, ranking.sequences, measure).items():
+        if sequence in clips:
+            places = extreme_frames(cell, measure)
+            recording = open_recording(clips[sequence], [int(cell.frames[place]) for place in places])
+            if is_of(cell, recording.subject, recording.rig):
+                best, worst = (_picture(recording, cell, place) for place in places)
+                if best is not None and worst is not None:
+                    yield best, worst
 
 
 def side_by_side(study: StudySummary, sequence: str, dof: int, budget: int, clip: Clip) -> list[list[Picture]]:
@@ -95,15 +91,12 @@ def side_by_side(study: StudySummary, sequence: str, dof: int, budget: int, clip
     cells = [cell for name in study.algorithms if (cell := study.find(sequence, name, dof, budget)) is not None]
     if not cells:
         return []
-    fewest = min(len(cell.frames) for cell in cells)
-    places = [int(fewest * share) for share in (0.3, 0.6, 0.9)]
+    places = [int(min(len(cell.frames) for cell in cells) * share) for share in (0.3, 0.6, 0.9)]
     recording = open_recording(clip, [int(cells[0].frames[place]) for place in places])
     if not is_of(cells[0], recording.subject, recording.rig):
         return []
     fullest = {number: int(np.argmax(seen.foreground)) for number, seen in recording.seen.items()}
-    rows = [
-        [_picture(recording, cell, place, fullest.get(int(cell.frames[place]))) for place in places] for cell in cells
-    ]
+    rows = ([_picture(recording, cell, at, fullest.get(int(cell.frames[at]))) for at in places] for cell in cells)
     return [[picture for picture in row if picture is not None] for row in rows]
 
 
@@ -134,21 +127,16 @@ def _draw(mask: np.ndarray, vertices: np.ndarray, joints: np.ndarray, body: Body
     part = np.zeros((height, width), np.uint8)
     inside = mask[max(top, 0) : top + height, max(left, 0) : left + width]
     part[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]] = inside * 255
-    seen = cv2.resize(part, _SIZE, interpolation=cv2.INTER_LINEAR)
-    model = silhouette(window.points(vertices), body.tracking_face, _SIZE)
+    seen = cv2.resize(part, _SIZE, interpolation=cv2.INTER_LINEAR) > 127
+    model = silhouette(window.points(vertices), body.tracking_face, _SIZE) > 0
+    paths = {"seen": outline(_contours(seen)), "model": outline(_contours(model))}
     bones, skeleton = window.points(joints), body.skeleton
-    parts = [
-        f'<path class="seen" d="{outline(_contours(seen > 127))}"/>',
-        f'<path class="model" d="{outline(_contours(model > 0))}"/>',
-    ]
-    for side in ("left", "right", "middle"):
-        path = "".join(
-            polyline(bones[[parent, joint], 0], bones[[parent, joint], 1])
-            for joint, parent in enumerate(skeleton.parent)
-            if parent >= 0 and skeleton.side(skeleton.joints[joint]) == side
-        )
-        parts.append(f'<path class="bone {side}" d="{path}"/>')
-    return figure(_SIZE, "tracked body over the mask", parts)
+    for joint, parent in enumerate(skeleton.parent):
+        if parent >= 0:
+            side, ends = skeleton.side(skeleton.joints[joint]), bones[[parent, joint]]
+            paths[f"bone {side}"] = paths.get(f"bone {side}", "") + polyline(*ends.T)
+    order = ("seen", "model", "bone left", "bone right", "bone middle")
+    return figure(_SIZE, "tracked body over the mask", [f'<path class="{k}" d="{paths.get(k, "")}"/>' for k in order])
 
 
 def _window(mask: np.ndarray, vertices: np.ndarray, size: tuple[int, int]) -> Window:

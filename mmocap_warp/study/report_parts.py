@@ -50,9 +50,8 @@ def choice(study: StudySummary, content: str, **keys: object) -> Html:
     """A part that shows while the controls stand at ``keys``; at first, and without the script, they stand so."""
     main = study.measures[0].key
     first = {"measure": main, "curve": main, "model": study.models[0], "budget": study.budgets[0]}
-    first["sequence"] = study.sequences[0]
+    is_first = keys.items() <= (first | {"sequence": study.sequences[0]}).items()
     data = [f" {fill('key', name=name, value=value)}" for name, value in keys.items()]
-    is_first = all(first[name] == value for name, value in keys.items())
     return fill("choice", keys=[*data, "" if is_first else " hidden"], content=[content])
 
 
@@ -83,14 +82,11 @@ class Table:
 
     def html(self) -> Html:
         """As a figure of the page."""
-        return fill(
-            "table",
-            caption=self.caption,
-            kind=Html(f' class="{self.kind}"' if self.kind else ""),
-            head=[f"<th>{escape(title)}</th>" for title in self.head],
-            rows=[f"<tr>{''.join(_html_cells(row))}</tr>" for row in self.rows],
-            foot=Html(f"<tfoot><tr>{self.foot}</tr></tfoot>" if self.foot else ""),
-        )
+        kind = Html(f' class="{self.kind}"' if self.kind else "")
+        head = [f"<th>{escape(title)}</th>" for title in self.head]
+        rows = [f"<tr>{''.join(_html_cells(row))}</tr>" for row in self.rows]
+        foot = Html(f"<tfoot><tr>{self.foot}</tr></tfoot>" if self.foot else "")
+        return fill("table", caption=self.caption, kind=kind, head=head, rows=rows, foot=foot)
 
     def markdown(self, title: str = "") -> str:
         """As Markdown; with a title, as a section."""

@@ -12,13 +12,7 @@ from mmocap_warp.study import overview, paper, report_figures, report_tables
 from mmocap_warp.study.claims import check_claims
 from mmocap_warp.study.report_parts import Html, Section, by_measure, choice, drawn, fill, html_of
 from mmocap_warp.study.source import Clip
-from mmocap_warp.study.study_tables import (
-    Ranking,
-    algorithm_rankings,
-    by_algorithm,
-    model_differences,
-    model_rankings,
-)
+from mmocap_warp.study.study_tables import Ranking, algorithm_rankings, by_algorithm, model_differences, model_rankings
 from mmocap_warp.study.summary import Contender, Measure, StudySummary, algorithm_label
 from mmocap_warp.study.wording import counted, extent, listed, named, over, with_unit
 
@@ -28,14 +22,12 @@ def trackers_section(study: StudySummary) -> Section | None:
 
     None where there is nothing beside the grid.
     """
-    main = study.measures[0]
-    drawing = report_figures.time_error_figure(study, main) if not main.higher_is_better else ""
+    main, parts = study.measures[0], [fill("trackers")]
+    placed = {} if main.higher_is_better else report_figures.times_and_errors(study, main)
     table = overview.lead_table(study, study.sequences)
-    if not drawing and table is None and not study.baselines:
+    if not placed and table is None and not study.baselines:
         return None
-    parts: list[str] = [fill("trackers")]
-    if drawing:
-        placed = report_figures.times_and_errors(study, main)
+    if placed:
         who = [each for each in study.contenders if each.algorithm in placed]
         caption = fill(
             "trackers-caption",
@@ -46,7 +38,8 @@ def trackers_section(study: StudySummary) -> Section | None:
             budgets=listed(study.budgets),
             seconds=f"{paper.SECONDS_PER_500:g}",
         )
-        parts.append(fill("figure", content=[drawn(drawing, caption), report_figures.legend([*placed])]))
+        drawing = drawn(report_figures.time_error_figure(study, main), caption)
+        parts.append(fill("figure", content=[drawing, report_figures.legend([*placed])]))
     if table is not None:
         parts += [fill("paragraph", text=_lead_sentence(study)), table.html()]
     return Section("trackers", "Error against time, all trackers", [*parts, overview.all_trackers(study).html()])
@@ -55,8 +48,7 @@ def trackers_section(study: StudySummary) -> Section | None:
 def _lead_sentence(study: StudySummary) -> str:
     """On how many sequences our tracker has half the best one's error in a tenth of its time."""
     found = overview.leads(study, study.sequences)
-    timed = [lead for lead in found if lead.timed]
-    not_half = [lead.sequence for lead in found if not lead.half]
+    timed, not_half = [lead for lead in found if lead.timed], [lead.sequence for lead in found if not lead.half]
     sentence = (
         f"{algorithm_label(found[0].ours.algorithm)} has at most half the {named(study.measures[0])} of the best of "
         f"the others on {len(found) - len(not_half)} of {counted(len(found), 'sequence')} "
@@ -90,8 +82,7 @@ def _ranked(study: StudySummary, number: int, dof: int, measure: Measure) -> str
     rankings = algorithm_rankings(study, measure, dof)
     if not rankings:
         return ""
-    size = _extent(study, dof)
-    in_paper = any(paper.printed_ranks(dof, budget) for budget in study.budgets)
+    size, in_paper = extent(study.of_grid(dof=dof)), any(paper.printed_ranks(dof, budget) for budget in study.budgets)
     figure = fill(
         "rank-panels",
         panels=[fill("panel", drawing=[report_figures.rank_figure(ranking, study.algorithms)]) for ranking in rankings],
@@ -101,12 +92,12 @@ def _ranked(study: StudySummary, number: int, dof: int, measure: Measure) -> str
         extent=size,
     )
     caption = f"{dof}-DOF model, ranked by {named(measure)}, as Table {number} of the paper. {size}."
+    table = report_tables.ranking_table(rankings, caption).html()
     floor = report_tables.floor_note(study, measure, rankings[0].sequences)
     effects: list[str] = [fill("effects"), *(report_tables.effect_table(ranking).html() for ranking in rankings)]
     effects += html_of(report_tables.unranked_table(study, measure))
-    note = fill("paragraph", text=floor) if floor else ""
     details = fill("details", summary=f"Intervals and effect sizes, {dof} DOF", content=effects)
-    return figure + report_tables.ranking_table(rankings, caption).html() + note + _left_out(rankings) + details
+    return figure + table + (fill("paragraph", text=floor) if floor else "") + _left_out(rankings) + details
 
 
 def spread_section(study: StudySummary) -> Section:
@@ -134,9 +125,8 @@ def _spread(study: StudySummary, measure: Measure, title: str, kinds: Sequence[C
     if not drawing:
         return ""
     models = sorted({who.dof for who in kinds}, reverse=True)
-    model = f", {models[0]} DOF."
-    if len(models) > 1:
-        model = f". Filled: {study.models[0]} DOF, hollow: {listed(study.models[1:])} DOF."
+    several = f". Filled: {study.models[0]} DOF, hollow: {listed(study.models[1:])} DOF." if len(models) > 1 else ""
+    model = several or f", {models[0]} DOF."
     figure = drawn(drawing, f"{title}{model} {extent(study.cells_of(kinds, measure))}.")
     return fill("figure", content=[figure, report_figures.legend([*dict.fromkeys(who.algorithm for who in kinds)])])
 
@@ -148,32 +138,21 @@ def curves_section(study: StudySummary) -> Section:
     parts, grown = [], []
     for dof, budget in product(study.models, study.budgets):
         setting = f"{dof} DOF, {budget:,} evaluations per frame"
-        drawing = report_figures.growth_figure(study, main, dof, budget)
-        if drawing:
+        if drawing := report_figures.growth_figure(study, main, dof, budget):
             caption = (
                 f"{main.label} in each tenth of the clips: the median over runs, mean over {len(study.sequences)} "
-                f"sequences, {setting}. {_extent(study, dof, budget)}."
+                f"sequences, {setting}. {extent(study.of_grid(dof=dof, evaluations=budget))}."
             )
             grown.append(choice(study, drawn(drawing, caption), model=dof, budget=budget))
         for measure, sequence in product(measures, study.sequences):
-            drawing = report_figures.curve_figure(study, measure, sequence, dof, budget)
-            if drawing:
-                caption = f"{measure.label}, {sequence}, {setting}. {_extent(study, dof, budget, sequence)}."
+            if drawing := report_figures.curve_figure(study, measure, sequence, dof, budget):
+                size = extent(study.of_grid(dof=dof, evaluations=budget, sequence=sequence))
                 keys = {"curve": measure.key, "sequence": sequence, "model": dof, "budget": budget}
-                parts.append(choice(study, drawn(drawing, caption), **keys))
+                parts.append(choice(study, drawn(drawing, f"{measure.label}, {sequence}, {setting}. {size}."), **keys))
     ours = " Of our trackers, those with the body solved where they were run; at their own budgets."
     marks = report_figures.curves_legend(study)
     figures = [fill("figure", content=[*curves, marks]) for curves in (grown, parts) if curves or curves is parts]
     return Section("curves", "Error over time", [fill("curves", ours=ours if study.others else ""), *figures])
-
-
-def _extent(study: StudySummary, dof: int, budget: int | None = None, sequence: str | None = None) -> str:
-    """How many seeds and frames the grid's cells of a model have."""
-    return extent(
-        study.cells[cell]
-        for cell in study.grid
-        if cell.dof == dof and budget in (None, cell.evaluations) and sequence in (None, cell.sequence)
-    )
 
 
 def overlays_section(study: StudySummary, clips: Mapping[str, Clip]) -> Section | None:
@@ -183,10 +162,8 @@ def overlays_section(study: StudySummary, clips: Mapping[str, Clip]) -> Section 
     main, dof, budget = study.measures[0], study.models[0], study.budgets[0]
     ranking = by_algorithm(study, main, dof, budget)
     at_hand = [name for name in study.sequences if name in clips]
-    if ranking is None or not at_hand:
-        return None
-    extremes = list(best_and_worst(study, main, ranking, clips))
-    rows = side_by_side(study, at_hand[0], dof, budget, clips[at_hand[0]])
+    extremes = list(best_and_worst(study, main, ranking, clips)) if ranking and at_hand else []
+    rows = side_by_side(study, at_hand[0], dof, budget, clips[at_hand[0]]) if ranking and at_hand else []
     if not extremes and not rows:
         return None
 
@@ -195,17 +172,12 @@ def overlays_section(study: StudySummary, clips: Mapping[str, Clip]) -> Section 
         bold = Html(f"<b>{title}</b> " if title else "")
         return fill("picture", **vars(drawn) | {"drawing": [drawn.drawing], "title": bold, "error": error})
 
-    pairs = [
-        fill(
-            "pair",
-            pictures=[picture(best, "best"), picture(worst, "worst")],
-            sequence=best.sequence,
-            algorithm=algorithm_label(best.algorithm),
-        )
-        for best, worst in extremes
-    ]
+    pairs = []
+    for best, worst in extremes:
+        both, who = [picture(best, "best"), picture(worst, "worst")], algorithm_label(best.algorithm)
+        pairs.append(fill("pair", pictures=both, sequence=best.sequence, algorithm=who))
     strips = [
-        fill("strip", algorithm=algorithm_label(row[0].algorithm), pictures=[picture(each) for each in row])
+        fill("strip", algorithm=algorithm_label(row[0].algorithm), pictures=list(map(picture, row)))
         for row in rows
         if row
     ]
@@ -220,15 +192,13 @@ def models_section(study: StudySummary) -> Section | None:
     def tables(measure: Measure) -> str:
         content = ""
         for number, kind, names in ((6, "hierarchical", study.hierarchical), (7, "holistic", study.holistic)):
-            rankings = model_rankings(study, measure, names)
-            if rankings:
+            if rankings := model_rankings(study, measure, names):
                 size = extent(study.cells[cell] for cell in study.grid if cell.algorithm in names)
                 caption = f"The {kind} algorithms by {named(measure)}, as Table {number} of the paper. {size}."
                 content += report_tables.ranking_table(rankings, caption).html() + _left_out(rankings)
         differences = model_differences(study, measure)
-        if differences:
-            content += report_tables.difference_table(differences, measure, study.models).html()
-        return content
+        table = report_tables.difference_table(differences, measure, study.models) if differences else None
+        return "".join([content, *html_of(table)])
 
     parts = by_measure(study, tables)
     title = f"{' against '.join(map(str, study.models))} degrees of freedom"
@@ -237,15 +207,15 @@ def models_section(study: StudySummary) -> Section | None:
 
 def _left_out(rankings: Sequence[Ranking]) -> str:
     notes = [
-        f"{', '.join(map(str, ranking.absent))} tracked too few sequences for a ranking."
-        for ranking in rankings
-        if ranking.absent
+        f"{', '.join(map(str, each.absent))} tracked too few sequences for a ranking."
+        for each in rankings
+        if each.absent
     ]
     notes += [
-        f"Not all in the ranking of {ranking.rows[0].contender} have tracked {', '.join(ranking.left_out)}: left out "
-        "of the ranking."
-        for ranking in rankings
-        if ranking.left_out
+        f"Not all in the ranking of {each.rows[0].contender} have tracked {', '.join(each.left_out)}: left out of the "
+        "ranking."
+        for each in rankings
+        if each.left_out
     ]
     return fill("warning", text=" ".join(notes)) if notes else ""
 
@@ -268,12 +238,9 @@ def strangers_section(study: StudySummary) -> Section | None:
     parts = by_measure(study, lambda measure: "".join(html_of(overview.strangers_table(study, measure))))
     parts += html_of(overview.lead_table(study, study.strangers))
     for name in study.strangers:
-        drawing = report_figures.curve_figure(study, main, name, dof, budget)
-        if drawing:
+        if drawing := report_figures.curve_figure(study, main, name, dof, budget):
             size = extent(summary for cell, summary in study.cells.items() if cell.sequence == name)
             caption = f"{main.label}, {name}, {dof} DOF, {budget:,} evaluations per frame. {size}."
             parts.append(fill("figure", content=drawn(drawing, caption)))
-    if not parts:
-        return None
     content = [fill("strangers"), *parts, report_figures.curves_legend(study)]
-    return Section("strangers", "People outside the family of bodies", content)
+    return Section("strangers", "People outside the family of bodies", content) if parts else None

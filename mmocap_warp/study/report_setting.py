@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime
+from itertools import product
 
 import numpy as np
 
@@ -35,8 +36,7 @@ def headline(study: StudySummary) -> tuple[str, Html]:
         name, over = algorithm_label(who.algorithm), counted(most, "sequence", in_words=True)
         title = f"{name} tracks {over} to {error}"
         # The best of our trackers that has tracked all sequences stands before it.
-        levels = {who: study.level(who, measure) for who in study.others}
-        known = {who: value for who, value in levels.items() if np.isfinite(value)}
+        known = {who: level for who in study.others if np.isfinite(level := study.level(who, measure))}
         if known:
             ours = min(known, key=lambda who: measure.sign * known[who])
             own = with_unit(known[ours], measure)
@@ -45,15 +45,13 @@ def headline(study: StudySummary) -> tuple[str, Html]:
         setting = f"{name}, {who.dof} DOF, {who.evaluations:,} evaluations per frame"
         cards.append((error, f"{measure.label}, mean over {over}: {setting}"))
         # What it scores by both readings of Eq. 20, each with its floor.
-        for reading in study.measures[1:]:
-            ranking = by_algorithm(study, reading, who.dof, who.evaluations) if reading.key in EQ_20 else None
-            row = ranking.row(who.algorithm, who.dof, who.evaluations) if ranking is not None else None
-            if ranking is not None and row is not None:
+        for reading in (reading for reading in study.measures[1:] if reading.key in EQ_20):
+            ranking = by_algorithm(study, reading, who.dof, who.evaluations)
+            if ranking and (row := ranking.row(who.algorithm, who.dof, who.evaluations)):
                 note = floor_note(study, reading, ranking.sequences)
                 cards.append((with_unit(row.mean, reading), f"{reading.label}, of the same. {note}".strip()))
         # The best at the least budget, beside its rank in the paper.
-        least = by_algorithm(study, measure, study.models[0], study.budgets[0])
-        if least is not None:
+        if least := by_algorithm(study, measure, study.models[0], study.budgets[0]):
             first = least.rows[0]
             printed = paper.printed_ranks(first.contender.dof, first.contender.evaluations)
             theirs = printed.get(first.contender.algorithm)
@@ -62,29 +60,24 @@ def headline(study: StudySummary) -> tuple[str, Html]:
             cards.append((f"{first.comparison.rank:.2f}", text))
     rate, hours, device = _pace(study)
     if np.isfinite(rate):
-        per_second = paper.EVALUATIONS[0] / paper.SECONDS_PER_500
-        text = f"evaluations, images included, on {device}; the paper’s CPU core: {per_second:.0f}/s"
-        cards.append((f"{rate:,.0f}/s", text))
-        cpus, weeks = paper.CPU_WEEKS
-        text = f"for the paper’s whole grid at that pace; it took {cpus} CPUs {weeks} weeks"
-        cards.append((f"{hours:,.0f} h" if hours >= 10 else f"{hours:.1f} h", text))
+        theirs, (cpus, weeks) = paper.EVALUATIONS[0] / paper.SECONDS_PER_500, paper.CPU_WEEKS
+        text = f"evaluations, images included, on {device}; the paper’s CPU core: {theirs:.0f}/s"
+        grid = f"for the paper’s whole grid at that pace; it took {cpus} CPUs {weeks} weeks"
+        cards += [(f"{rate:,.0f}/s", text), (f"{hours:,.0f} h" if hours >= 10 else f"{hours:.1f} h", grid)]
     return title, fill("cards", cards=[fill("card", value=value, text=text) for value, text in cards])
 
 
 def grid_sentence(study: StudySummary) -> str:
     """What was compared, in a sentence, and a warning where results should not be compared."""
-    grid = [study.cells[cell] for cell in study.grid]
+    cells, beside = counted(len(study.grid), "cell"), len(study.cells) - len(study.grid)
     sentence = (
         f"{counted(len(study.algorithms), 'algorithm')}, {listed(study.models)} degrees of freedom, "
         f"{listed(study.budgets)} evaluations per frame, {counted(len(study.sequences), 'sequence')}, "
-        f"{extent(grid)}: {counted(len(grid), 'cell')}"
+        f"{extent(study.of_grid())}: {cells}"
     )
-    beside = len(study.cells) - len(grid)
-    if beside:
-        sentence += f", and {beside} beside them (our trackers, strangers, radii)"
+    sentence += f", and {beside} beside them (our trackers, strangers, radii)" if beside else ""
     sentence += f". {study.evaluations:,} evaluations in all."
-    absent = len(study.planned - study.cells.keys())
-    if absent:
+    if absent := len(study.planned - study.cells.keys()):
         were = "was" if absent == 1 else "were"
         sentence += f" {counted(absent, 'cell')} that the study defines {were} not run: see the setting."
     return f"{sentence} {mixture(study)}".strip()
@@ -95,77 +88,68 @@ def mixture(study: StudySummary) -> str:
     kinds: dict[str, set[str]] = {}
     for cell in study.cells.values():
         kinds.setdefault(str(cell.meta.get("code_covers")), set()).add(_code(cell))
-    if all(len(codes) == 1 for codes in kinds.values()):
-        return ""
-    return (
-        f"Results of different code are mixed: {_values(study, _code)}; "
-        "run the study again, which tracks what the present code has not."
-    )
+    mixed = f"Results of different code are mixed: {_values(study, _code)}; "
+    mixed += "run the study again, which tracks what the present code has not."
+    return mixed if any(len(codes) > 1 for codes in kinds.values()) else ""
 
 
 def budget_section(study: StudySummary) -> Section:
     """Error and time against the budget."""
     parts = []
-    for measure in study.measures:
-        for dof in study.models:
-            baselines = baseline_words(study, measure)
-            content = fill(
-                "budget-figures",
-                left=[budget_figure(study, measure, dof)],
-                right=[time_figure(study, dof)],
-                dof=dof,
-                count=len(study.sequences),
-                extent=extent(study.cells[cell] for cell in study.grid if cell.dof == dof),
-                baselines=f" {baselines}." if baselines else "",
-            )
-            parts.append(choice(study, content, measure=measure.key, model=dof))
-    size = extent(study.cells[cell] for cell in study.grid)
+    for measure, dof in product(study.measures, study.models):
+        baselines, size = baseline_words(study, measure), extent(study.of_grid(dof=dof))
+        content = fill(
+            "budget-figures",
+            left=[budget_figure(study, measure, dof)],
+            right=[time_figure(study, dof)],
+            dof=dof,
+            count=len(study.sequences),
+            extent=size,
+            baselines=f" {baselines}." if baselines else "",
+        )
+        parts.append(choice(study, content, measure=measure.key, model=dof))
     head = ["Algorithm", *(f"{budget:,} evaluations" for budget in study.budgets), "evaluations/s"]
-    caption = f"Milliseconds per frame and run, mean over sequences and models. {size}."
+    caption = f"Milliseconds per frame and run, mean over sequences and models. {extent(study.of_grid())}."
     rows = []
     for name in study.algorithms:
-        of = [study.cells[cell] for cell in study.grid if cell.algorithm == name]
+        of = study.of_grid(algorithm=name)
         times = [[1000 * seconds_per_frame(s) for s in of if s.cell.evaluations == budget] for budget in study.budgets]
         means = [f"{np.mean(each):.2f}" if each else DASH for each in times]
         spent, seconds = sum(summary.evaluations for summary in of), sum(summary.seconds for summary in of)
         rows.append([algorithm_label(name), *means, f"{spent / seconds:,.0f}" if seconds > 0 else DASH])
-    table = Table(caption, head, rows, "")
+    table = Table(caption, head, rows, "").html()
     figure = fill("figure", content=[*parts, legend(study.algorithms)])
     about = fill("budget", seconds=f"{paper.SECONDS_PER_500:g}")
-    return Section("budget", "Error and time by budget", [about, figure, table.html(), _times_alone(study)])
+    return Section("budget", "Error and time by budget", [about, figure, table, *_times_alone(study)])
 
 
-def _times_alone(study: StudySummary) -> str:
+def _times_alone(study: StudySummary) -> list[Html]:
     """Milliseconds of a frame where a single run is tracked at a time; empty where that was not measured."""
-    if not study.alone:
-        return ""
-    dof = study.models[0]
-    rows = []
+    dof, rows = study.models[0], []
     for name in [*study.algorithms, *dict.fromkeys(who.algorithm for who in study.others)]:
-        own = {who.evaluations for who in study.alone if who.algorithm == name}
-        times = {budget: study.milliseconds(Contender(name, dof, budget)) for budget in own | {*study.budgets}}
-        times = {budget: time for budget, time in sorted(times.items()) if np.isfinite(time)}
+        own = sorted({*study.budgets, *(who.evaluations for who in study.alone if who.algorithm == name)})
+        times = {budget: study.milliseconds(Contender(name, dof, budget)) for budget in own}
+        times = {budget: time for budget, time in times.items() if np.isfinite(time)}
         other = ", ".join(f"{time:.1f} ({budget})" for budget, time in times.items() if budget not in study.budgets)
-        if times:
-            cells = [f"{times[budget]:.1f}" if budget in times else DASH for budget in study.budgets]
-            rows.append([algorithm_label(name), *cells, other or DASH])
+        cells = [f"{times[budget]:.1f}" if budget in times else DASH for budget in study.budgets]
+        rows += [[algorithm_label(name), *cells, other or DASH]] if times else []
     head = ["Tracker", *(f"{budget:,} evaluations" for budget in study.budgets), "other budgets (evaluations)"]
-    return Table(f"Milliseconds per frame of one run tracked alone, {dof} DOF", head, rows, "").html()
+    caption = f"Milliseconds per frame of one run tracked alone, {dof} DOF"
+    return [Table(caption, head, rows, "").html()] if study.alone else []
 
 
 def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
     """The sequences, the settings, the machine."""
-    by_sequence: dict[str, CellSummary] = {}
-    for each in study.cells.values():
-        by_sequence.setdefault(each.cell.sequence, each)
+    cells = study.cells.values()
+    by_sequence = {each.cell.sequence: each for each in reversed(cells)}
     rows = []
     for name in [*study.sequences, *study.strangers]:
         cell, recorded = by_sequence[name], by_sequence[name].meta
         sizes = sorted({f"{width}×{height}" for width, height in recorded.get("size", [])})
         rate, cameras = recorded.get("fps", float("nan")), recorded.get("cameras", [])
         rows.append([name, f"{len(cell.frames)}", f"{rate:g}", f"{len(cameras)}", ", ".join(sizes)])
-    days = sorted(str(cell.meta.get("started", ""))[:10] for cell in study.cells.values())
-    hours = sum(float(cell.meta.get("wall_seconds") or 0.0) for cell in study.cells.values()) / 3600
+    days = sorted(str(cell.meta.get("started", ""))[:10] for cell in cells)
+    hours = sum(float(cell.meta.get("wall_seconds") or 0.0) for cell in cells) / 3600
 
     def software(cell: CellSummary) -> str:
         versions = cell.meta.get("versions", {})
@@ -179,18 +163,16 @@ def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
         "Seeds": _values(study, lambda cell: str(len(cell.seeds))),
         "Cost": _values(study, lambda cell: str(cell.meta.get("config", {}).get("cost", "unknown"))),
         "Search radii": " ".join(radii(study)),
-        "Frames without a usable view": f"{100 * np.mean([cell.frames_lost for cell in study.cells.values()]):.2f} %",
+        "Frames without a usable view": f"{100 * np.mean([cell.frames_lost for cell in cells]):.2f} %",
         "Device": _values(study, _device),
         "Host": _values(study, lambda cell: str(cell.meta.get("host", "unknown"))),
         "Software": _values(study, software),
         "Code": _values(study, _code),
         "Tracked": f"{' to '.join(dict.fromkeys((days[0], days[-1])))}, {hours:.1f} h of workers in all",
     }
-    parts = [
-        fill("facts", facts=[fill("fact", name=name, value=value) for name, value in facts.items()]),
-        Table("Sequences", ["Sequence", "frames", "frames/s", "cameras", "pixels"], rows, "").html(),
-        *(fill("paragraph", text=note) for note in notes),
-    ]
+    parts = [fill("facts", facts=[fill("fact", name=name, value=value) for name, value in facts.items()])]
+    parts.append(Table("Sequences", ["Sequence", "frames", "frames/s", "cameras", "pixels"], rows, "").html())
+    parts += [fill("paragraph", text=note) for note in notes]
     absent = [fill("item", text=each) for each in missing(study)]
     parts += [fill("not-run", items=absent)] if absent else []
     return Section("setting", "Setting and machine", parts)
@@ -201,18 +183,17 @@ def _pace(study: StudySummary) -> tuple[float, float, str]:
 
     The time is that in which any worker of a host was at work; hosts' times add up.
     """
-    searched = [study.cells[cell] for cell in study.cells if cell.algorithm in study.algorithms]
-    device = Counter(_device(cell) for cell in searched).most_common(1)[0][0]
-    on_it = [cell for cell in searched if _device(cell) == device]
-    timed = [cell for cell in on_it if cell.meta.get("wall_seconds") and cell.meta.get("started")]
-    if not timed:
-        return np.nan, np.nan, device
+    searched = [cell for cell in study.cells.values() if cell.cell.algorithm in study.algorithms]
+    device = Counter(map(_device, searched)).most_common(1)[0][0]
+    timed = [cell for cell in searched if cell.meta.get("wall_seconds") and cell.meta.get("started")]
+    timed = [cell for cell in timed if _device(cell) == device]
     by_host: dict[str, list[tuple[float, float]]] = {}
     for cell in timed:
         start = datetime.fromisoformat(cell.meta["started"]).timestamp()
         by_host.setdefault(str(cell.meta.get("host")), []).append((start, start + cell.meta["wall_seconds"]))
-    busy = sum(_covered(spans) for spans in by_host.values())
-    rate = sum(cell.evaluations for cell in timed) / busy
+    if not timed:
+        return np.nan, np.nan, device
+    rate = sum(cell.evaluations for cell in timed) / sum(_covered(spans) for spans in by_host.values())
     workers = max(_most_at_once(spans) for spans in by_host.values())
     where = device if workers <= 1 else f"{device}, {workers} workers at a time"
     return float(rate), float(paper.GRID_EVALUATIONS / rate / 3600), where

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from html import escape
-from itertools import groupby
+from itertools import chain, groupby, zip_longest
 
 import numpy as np
 
@@ -27,7 +27,7 @@ def ranking_table(rankings: Sequence[Ranking], caption: str) -> Table:
 
     A p-value is bold where the contender differs significantly from the control.
     """
-    tests = []
+    foot = ""
     for test in (ranking.test for ranking in rankings):
         words = "one sequence: no test"
         if test is not None:
@@ -36,34 +36,31 @@ def ranking_table(rankings: Sequence[Ranking], caption: str) -> Table:
                 f"Friedman {test.statistic:.3f} {sign} {test.critical:.3f}, p = {p_value(test.p)}<br>"
                 f"Iman–Davenport F = {statistic(test.f)}, p = {p_value(test.f_p)}<br>Kendall’s W = {test.kendall_w:.2f}"
             )
-        tests.append(f'<td colspan="3">{words}</td>')
+        foot += f'<td colspan="3">{words}</td>'
     head = [*(RANK_HEAD * len(rankings)), "Holm"]
-    return Table(caption, head, ranking_rows(rankings, _strong), "ranking", "".join([*tests, "<td></td>"]))
+    return Table(caption, head, ranking_rows(rankings, _strong), "ranking", f"{foot}<td></td>")
 
 
 def ranking_rows(rankings: Sequence[Ranking], strong: Callable[[str], str]) -> list[list[str]]:
     """The rows of rankings side by side; ``strong`` marks what is significant."""
-    rows = []
-    for place in range(max(len(ranking.rows) for ranking in rankings)):
-        cells = []
-        for ranking in rankings:
-            if place >= len(ranking.rows):
-                cells += ["", "", ""]
-                continue
-            row = ranking.rows[place]
-            p = p_value(row.comparison.p)
-            cells += [Name(row.contender), f"{row.comparison.rank:.3f}", strong(p) if row.comparison.rejected else p]
-        rows.append([*cells, f"{ALPHA / place:.3f}" if place else ""])
-    return rows
+
+    def cells(row: Row | None) -> list[str]:
+        if row is None:
+            return ["", "", ""]
+        p = p_value(row.comparison.p)
+        return [Name(row.contender), f"{row.comparison.rank:.3f}", strong(p) if row.comparison.rejected else p]
+
+    side_by_side = zip_longest(*(ranking.rows for ranking in rankings))
+    return [
+        [*chain.from_iterable(map(cells, rows)), f"{ALPHA / place:.3f}" if place else ""]
+        for place, rows in enumerate(side_by_side)
+    ]
 
 
 def effect_table(ranking: Ranking) -> Table:
     """A ranking's intervals, effect sizes and adjusted p-values, and the paper's ranks."""
-    first = ranking.rows[0].contender
-    caption = (
-        f"{first.evaluations:,} evaluations, {ranking.measure.title}, "
-        f"{ranking.seeds} seeds, {len(ranking.sequences)} sequences"
-    )
+    first, blocks = ranking.rows[0].contender, len(ranking.sequences)
+    caption = f"{first.evaluations:,} evaluations, {ranking.measure.title}, {ranking.seeds} seeds, {blocks} sequences"
     head = ["Algorithm", "Mean", "95 %", "Rank", "95 %", "Holm-adjusted p", "A"]
     rows = [effect_cells(row, ranking.measure) for row in ranking.rows]
     printed = paper.printed_ranks(first.dof, first.evaluations)
@@ -90,10 +87,10 @@ def effect_cells(row: Row, measure: Measure) -> list[str]:
 
 def unranked_table(study: StudySummary, measure: Measure) -> Table | None:
     """The means of what has no part in a ranking: our trackers and the baselines; None without any."""
-    who = [*study.others, *study.baseline_contenders]
     cells = study.cells_of(study.others, measure)
     size = f" {extent(cells)}." if cells else ""
     caption = f"Not ranked, {measure.title}, mean over {len(study.sequences)} sequences.{size}"
+    who = [*study.others, *study.baseline_contenders]
     rows = [[str(each), shown(study.level(each, measure), measure)] for each in who]
     return Table(caption, ["Tracker", "Mean"], rows, "") if rows else None
 
@@ -121,11 +118,10 @@ def sequence_table(study: StudySummary, measure: Measure, budget: int) -> Table:
     floors = [study.floor(measure, [sequence]) for sequence in study.sequences]
     if np.isfinite(floors).any():
         rows.append(["Floor: at the true angles", "", *(shown(floor, measure) for floor in floors)])
-    shown_cells = [study.cells[cell] for cell in study.grid if cell.evaluations == budget]
     own = "; our trackers at their own budgets" if study.others else ""
     caption = (
         f"{measure.title}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
-        f"{own}. {extent([*shown_cells, *study.cells_of(study.others, measure)])}."
+        f"{own}. {extent([*study.of_grid(evaluations=budget), *study.cells_of(study.others, measure)])}."
     )
     return Table(caption, ["Algorithm", "DOF", *study.sequences], rows, "sequences")
 
@@ -161,10 +157,7 @@ def _difference_cells(difference: ModelDifference | None, measure: Measure) -> l
     if difference is None:
         return [""] * 3
     text, p = shown(difference.difference, measure, sign=True), p_value(difference.p)
-    decided = difference.interval[0] * difference.interval[1] > 0
     bounds = interval(difference.interval, measure.decimals)
-    return [
-        Html(f"{_strong(text) if decided else text} <small>{bounds}</small>"),
-        f"{difference.superiority:.2f}",
-        _strong(p) if difference.p < ALPHA else p,
-    ]
+    amount = _strong(text) if difference.interval[0] * difference.interval[1] > 0 else text
+    chance = _strong(p) if difference.p < ALPHA else p
+    return [Html(f"{amount} <small>{bounds}</small>"), f"{difference.superiority:.2f}", chance]

@@ -6,10 +6,13 @@ long as the paper's. ``docs/sequences.md`` says what is in all of them and how t
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,17 +36,8 @@ MARKER_NOISE = 0.002
 _SIZE = (640, 480)
 _DIGITS = 12  # of rotations; poses and truth have fewer: machines whose sines differ in the last digit agree on them
 
-# Bearing [degrees], distance and height of the centre, height looked at [m], roll [degrees], focal length [px], and
-# the principal point off the image's middle [px]. The colour cameras stand where HumanEva's do.
-_CAMERAS: dict[str, tuple[float, float, float, float, float, float, tuple[float, float]]] = {
-    "C1": (9.0, 4.15, 1.53, 0.92, 0.5, 652.0, (-3.5, 2.1)),
-    "C2": (-77.0, 3.95, 1.50, 0.90, -0.8, 630.0, (2.4, -1.6)),
-    "C3": (101.0, 4.05, 1.44, 0.93, 0.4, 640.0, (-1.2, -2.8)),
-    "BW1": (52.0, 4.45, 1.95, 0.90, -0.6, 668.0, (4.2, 0.9)),
-    "BW2": (147.0, 4.30, 1.85, 0.88, 0.9, 660.0, (-2.7, 3.3)),
-    "BW3": (218.0, 4.40, 2.05, 0.91, -0.2, 672.0, (0.8, -3.9)),
-    "BW4": (319.0, 4.35, 1.90, 0.89, 0.3, 655.0, (3.1, 1.7)),
-}
+_DATA: dict[str, dict[str, list]] = tomllib.loads(files(__package__).joinpath("sequences.toml").read_text("utf-8"))
+_CAMERAS: dict[str, Any] = _DATA["cameras"]
 _COLOUR = Contrast(halo=0.3, flicker=0.3, ragged=0.6, holes=1.2, specks=1.0, shadow=0.15, dropouts=0.5)
 _GREY = Contrast(halo=0.6, flicker=0.5, ragged=0.9, holes=2.5, specks=2.0, shadow=0.45, dropouts=1.5)
 _LIGHT = np.array([0.45, -0.3, -1.0])  # where the lamps shine to
@@ -113,27 +107,17 @@ def stored_motion(name: str) -> Motion:
     return lambda body, frames, seed: stored_poses(name)[:frames]
 
 
-PLANS: dict[str, SequencePlan] = {
-    "S1/Walking": SequencePlan("S1", 401, stored_motion("S1/Walking"), 0.4, 11),
-    "S1/Gestures": SequencePlan("S1", 267, stored_motion("S1/Gestures"), 0.2, 12),
-    "S1/Box": SequencePlan("S1", 263, stored_motion("S1/Box"), 1.9, 13),
-    "S2/Walking": SequencePlan("S2", 292, stored_motion("S2/Walking"), 2.1, 21),
-    "S2/Gestures": SequencePlan("S2", 300, stored_motion("S2/Gestures"), 1.1, 22),
-    "S2/Box": SequencePlan("S2", 245, stored_motion("S2/Box"), 0.6, 23),
-    "S3/Walking": SequencePlan("S3", 313, stored_motion("S3/Walking"), 4.0, 31),
-    "S3/Gestures": SequencePlan("S3", 367, stored_motion("S3/Gestures"), -0.3, 32),
-    "S3/Box": SequencePlan("S3", 340, stored_motion("S3/Box"), 1.4, 33),
-}
-"""The nine by name; lengths are a third of what the paper tracked."""
+def _stored_plans(kind: str) -> dict[str, SequencePlan]:
+    return {
+        name: SequencePlan(name.split("/")[0], frames, stored_motion(name), heading, seed, *map(tuple, cameras))
+        for name, (frames, heading, seed, *cameras) in _DATA[kind].items()
+    }
 
-_FIVE_CAMERAS = ("C1", "C2", "C3", "BW2", "BW4")
-FURTHER_PLANS: dict[str, SequencePlan] = {
-    "S1/Spin": SequencePlan("S1", 240, stored_motion("S1/Spin"), 0.9, 41, _FIVE_CAMERAS),
-    "S2/Spin": SequencePlan("S2", 240, stored_motion("S2/Spin"), 2.6, 42, _FIVE_CAMERAS),
-    "Uneven/Walking": SequencePlan("Uneven", 240, stored_motion("Uneven/Walking"), 0.4, 51),
-    "Skirt/Walking": SequencePlan("Skirt", 240, stored_motion("Skirt/Walking"), 2.1, 52),
-    "Child/Walking": SequencePlan("Child", 240, stored_motion("Child/Walking"), 4.0, 53),
-}
+
+PLANS = _stored_plans("plans")
+"""The nine by name."""
+
+FURTHER_PLANS = _stored_plans("further_plans")
 """Clips beyond the nine, in no table of the study: people who turn fast, and people unlike the tracker's bodies."""
 
 CLIP_PLANS: Mapping[str, SequencePlan] = {**PLANS, **FURTHER_PLANS}
@@ -196,9 +180,7 @@ class MadeSequences(Mapping[str, StudySequence]):
         return len(self._plans)
 
 
-@cache
-def _made(name: str, plan: SequencePlan) -> StudySequence:
-    return make_sequence(name, plan)
+_made = cache(make_sequence)
 
 
 SEQUENCES: Mapping[str, StudySequence] = MadeSequences(PLANS)
@@ -210,7 +192,7 @@ CLIPS: Mapping[str, StudySequence] = MadeSequences(CLIP_PLANS)
 
 def study_rig() -> CameraRig:
     """HumanEva's ring: three colour and four grey cameras around the origin, as pinholes. The world has +Z up."""
-    placed = [placed_camera(*place, _SIZE) for place in _CAMERAS.values()]
+    placed = [placed_camera(*(*place, _SIZE)) for place in _CAMERAS.values()]
     K, R, t = (np.array(each).round(_DIGITS) for each in zip(*placed, strict=True))
     sizes = np.tile(_SIZE, (len(_CAMERAS), 1))
     return CameraRig(tuple(_CAMERAS), K, R, t, sizes, np.zeros((len(_CAMERAS), 5)), "+z")

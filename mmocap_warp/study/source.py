@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -73,11 +73,17 @@ def clip_facts(clip: Clip) -> ClipFacts:
         from mmocap_warp.study.sequences import CLIP_PLANS
 
         _check_shipped(clip, CLIP_PLANS)
-        own = {"subject": _content([clip.subject])} if clip.subject else {}
+        own = {"subject": file_hash([clip.subject])} if clip.subject else {}
         return _facts(clip, CLIP_PLANS[clip.name].frames, {"bodies": shipped_bodies()} | own)
     from mmocap_warp.scene.scene_toml import load_scene
 
     scene = load_scene(clip.scene)
+    subject = file_hash([clip.subject or _subject_file(scene)])
+    return _facts(clip, scene.frame_count, recording_facts(scene) | {"subject": subject})
+
+
+def recording_facts(scene: Scene) -> dict[str, Any]:
+    """What a result depends on of a recording, for a hash: see :func:`clip_facts`; the subject is not in it."""
     rig = scene.calibrated
     numbers = [np.round(array, _RIG_DECIMALS).tolist() for array in (rig.K, rig.R, rig.t, rig.size, rig.distortion)]
     described = {
@@ -85,14 +91,11 @@ def clip_facts(clip: Clip) -> ClipFacts:
         "foreground": asdict(scene.foreground),
         "rig": [rig.names, rig.up, numbers],
         "images": [_images(scene, k) for k in range(len(scene.cameras))],
-        "subject": _content([clip.subject or _subject_file(scene)]),
-        "truth": [_content([scene.truth]), scene.truth_axes] if scene.truth else None,
+        "truth": [file_hash([scene.truth]), scene.truth_axes] if scene.truth else None,
     }
-    if (scene.first_frame, scene.stride) != (0, 1):
-        described["trimmed"] = [scene.first_frame, scene.stride]
-    if rig.fisheye:
-        described["fisheye"] = rig.fisheye
-    return _facts(clip, scene.frame_count, described)
+    trimmed = [scene.first_frame, scene.stride]
+    described |= ({"trimmed": trimmed} if trimmed != [0, 1] else {}) | ({"fisheye": rig.fisheye} if rig.fisheye else {})
+    return described
 
 
 def open_clip(clip: Clip) -> OpenClip:
@@ -119,14 +122,8 @@ def open_clip(clip: Clip) -> OpenClip:
     if truth is not None:
         known = truth.frame_numbers < frames
         truth = truth.at_frames(known) if known.any() else None
-    return OpenClip(
-        fps=scene.rate,
-        subject=read_subject(clip.subject or _subject_file(scene)),
-        rig=scene.rig(clip.scale),
-        truth=truth,
-        frames=frames,
-        observations=islice(scene.observations(clip.scale), frames),
-    )
+    subject, masks = read_subject(clip.subject or _subject_file(scene)), islice(scene.observations(clip.scale), frames)
+    return OpenClip(scene.rate, subject, scene.rig(clip.scale), truth, frames, masks)
 
 
 def open_sequence(sequence: StudySequence) -> OpenClip:
@@ -152,10 +149,10 @@ def _facts(clip: Clip, frames: int, described: dict) -> ClipFacts:
 @cache
 def shipped_bodies() -> str:
     """A hash of the bodies that shipped sequences are made from; read once a process."""
-    return _content((ROOT / "bodies").glob("*.usdc"))
+    return file_hash((ROOT / "bodies").glob("*.usdc"))
 
 
-def _content(files: Iterable[Path]) -> str:
+def file_hash(files: Iterable[Path]) -> str:
     """A hash of files' names and content, in the order of their names."""
     digest = hashlib.sha256()
     for file in sorted(files):

@@ -55,19 +55,10 @@ def friedman(average_rank: np.ndarray, blocks: int, tie_variance: float = 1.0) -
     square_sum = float((np.asarray(average_rank) ** 2).sum())
     statistic = 12 * n / (k * (k + 1)) * (square_sum - k * (k + 1) ** 2 / 4)
     statistic = max(statistic / tie_variance, 0.0) if tie_variance > 0 else 0.0
-    most = n * (k - 1)  # the statistic where all blocks agree
+    most, f_dof = n * (k - 1), (k - 1, (k - 1) * (n - 1))  # the statistic where all blocks agree
     f = (n - 1) * statistic / (most - statistic) if statistic < most * (1 - 1e-12) else np.inf
-    f_dof = (k - 1, (k - 1) * (n - 1))
-    return Omnibus(
-        statistic=statistic,
-        dof=k - 1,
-        p=float(chi2.sf(statistic, k - 1)),
-        critical=float(chi2.isf(ALPHA, k - 1)),
-        f=f,
-        f_dof=f_dof,
-        f_p=float(f_distribution.sf(f, *f_dof)),
-        kendall_w=statistic / most,
-    )
+    p, critical = float(chi2.sf(statistic, k - 1)), float(chi2.isf(ALPHA, k - 1))
+    return Omnibus(statistic, k - 1, p, critical, f, f_dof, float(f_distribution.sf(f, *f_dof)), statistic / most)
 
 
 def tie_variance(rank: np.ndarray) -> float:

@@ -9,11 +9,13 @@ import shutil
 import time
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.cell import PROVENANCE_FILE, Cell, CellResult, read_cell
+from mmocap_warp.jobs.job_run import Task
+from mmocap_warp.study.cell import PROVENANCE_FILE, Cell, CellResult, read_cell, write_cell
 from mmocap_warp.study.definition import Plan, Study
 from mmocap_warp.study.job import Job, code_of
 from mmocap_warp.study.source import clip_facts, shipped_bodies
@@ -24,33 +26,25 @@ _ABANDONED = 60.0  # a file that has been half written for so long will not be f
 _CONTOURS = 500  # evaluations that a frame's contours take as long as, the clip's smoothing included, about
 
 
-@dataclass(frozen=True)
-class Task:
+class CellTask(Task):
     """A cell to be tracked."""
 
-    job: Job  # what a worker is given
-    path: Path  # where the result goes
-    frames: int  # of the clip
-    grid: int = 0  # number of the study's grid; those of an earlier one come first
+    noun = "cell"
 
-    @property
-    def cell(self) -> Cell:
-        """Which one."""
-        return self.job.cell
+    def check(self) -> None:
+        """See :class:`~mmocap_warp.jobs.job_run.Task`."""
+        read_cell(self.path)
 
-    @property
-    def evaluations(self) -> int:
-        """At most, all frames and runs together."""
-        return self.frames * self.job.config.budget * self.job.config.runs
+    def store(self, result: CellResult) -> None:
+        """See :class:`~mmocap_warp.jobs.job_run.Task`."""
+        write_cell(self.path, result)
 
-    @property
-    def work(self) -> int:
-        """What it takes, in evaluations; a frame that is fitted by contours counts as a small search."""
-        config = self.job.config
-        return self.frames * config.runs * (config.budget + _CONTOURS * config.fits_contours)
+    def spent(self, result: CellResult) -> int:
+        """See :class:`~mmocap_warp.jobs.job_run.Task`."""
+        return int(result.per_run["evaluations"].sum())
 
 
-def plan_tasks(study: Study, folder: Path, device_kind: str) -> list[Task]:
+def plan_tasks(study: Study, folder: Path, device_kind: str) -> list[CellTask]:
     """Every cell of a study with its file in ``folder``, for results of a kind of device (``cpu`` or ``cuda``).
 
     Raises:
@@ -59,11 +53,14 @@ def plan_tasks(study: Study, folder: Path, device_kind: str) -> list[Task]:
     facts = {clip: clip_facts(clip) for clip in study.clips}
     tasks = []
     for plan in study.plans:
-        identity, frames = facts[plan.clip]
-        code = code_of(plan.config, plan.clip, plan.solved)
-        job = Job(plan.cell, plan.clip, identity, plan.config, study.name, code, plan.solved)
-        path = result_path(folder, plan.cell, content_key(plan, identity, device_kind, code))
-        tasks.append(Task(job, path, frames, plan.grid))
+        (identity, frames), cell, config = facts[plan.clip], plan.cell, plan.config
+        code = code_of(config, plan.clip, plan.solved)
+        job = Job(cell, plan.clip, identity, config, study.name, code, plan.solved)
+        path = result_path(folder, cell, content_key(plan, identity, device_kind, code))
+        # A frame that is fitted by contours counts as a small search.
+        searched = frames * config.runs * config.budget
+        work = searched + frames * config.runs * _CONTOURS * config.fits_contours
+        tasks.append(CellTask(job, path, cell, plan.clip, cell.algorithm, work, searched, plan.grid))
     return tasks
 
 
@@ -74,15 +71,9 @@ def content_key(plan: Plan, clip_identity: str, device_kind: str, code: str | No
     this kind of cell runs (``code``; by default the present one), and ``cpu`` or ``cuda``, whose arithmetic differs in
     the last bits.
     """
-    settings = asdict(plan.config)
-    del settings["device"], settings["threads"]
-    depends = {
-        "cell": asdict(plan.cell),
-        "clip": clip_identity,
-        "config": settings,
-        "code": code or code_of(plan.config, plan.clip, plan.solved),
-        "device": device_kind,
-    }
+    settings = {name: value for name, value in asdict(plan.config).items() if name not in ("device", "threads")}
+    depends = {"cell": asdict(plan.cell), "clip": clip_identity, "config": settings, "device": device_kind}
+    depends["code"] = code or code_of(plan.config, plan.clip, plan.solved)
     if plan.solved:
         depends["bodies"] = shipped_bodies()  # among them the one that is expected before anything is seen
     return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]
@@ -116,10 +107,9 @@ def read_results(folder: str | Path) -> Iterator[CellResult | InputError]:
     Raises:
         InputError: no such folder.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
+    if not Path(folder).is_dir():
         raise InputError(folder, "no such folder", "name the folder that 'mmocap study run' wrote")
-    for path in sorted(folder.glob("*.npz")):
+    for path in sorted(Path(folder).glob("*.npz")):
         try:
             yield read_cell(path)
         except InputError as error:
@@ -128,35 +118,26 @@ def read_results(folder: str | Path) -> Iterator[CellResult | InputError]:
 
 def keep_earlier_cells(
     study: Study,
-    tasks: list[Task],
+    tasks: list[CellTask],
     device_kind: str,
-    track: Callable[[list[Task]], object],
+    track: Callable[[list[CellTask]], object],
     note: Callable[[str], None],
 ) -> None:
     """Take over results that differ from what is missing in their code alone, algorithm by algorithm.
 
-    The first, the middle and the last of an algorithm's cells are tracked again. Where all of them have the bits that
-    they had, the others are copied under the names that this code gives them; they go on naming the code that they
-    come from.
-
-    Args:
-        study: whose cells.
-        tasks: all of them.
-        device_kind: ``cpu`` or ``cuda``.
-        track: tracks the cells that it is given, and stores their results.
-        note: called with a line for each algorithm.
+    The first, the middle and the last of an algorithm's cells are tracked again, by ``track``. Where all of them have
+    the bits that they had, the others are copied under the names that this code gives them; they go on naming the code
+    that they come from. A note is made of each algorithm.
     """
     # What lies there of other code, and a sample of it.
-    earlier: dict[str, list[tuple[Task, Path]]] = {}
+    earlier: dict[str, list[tuple[CellTask, Path]]] = {}
     for task, plan in zip(tasks, study.plans, strict=True):
         if not task.path.exists() and (file := _earlier_result(task, plan, device_kind)):
-            earlier.setdefault(task.cell.algorithm, []).append((task, file))
-    if not earlier:
-        return
+            earlier.setdefault(task.kind, []).append((task, file))
     samples = {algorithm: sample_of(cells) for algorithm, cells in earlier.items()}
-
     # What the sample gives now decides about the rest.
-    track([task for sample in samples.values() for task, _ in sample])
+    if samples:
+        track([task for sample in samples.values() for task, _ in sample])
     for algorithm, cells in earlier.items():
         same = [task.path.exists() and _answer(task.path) == _answer(file) for task, file in samples[algorithm]]
         if not all(same):
@@ -168,22 +149,20 @@ def keep_earlier_cells(
         note(f"{algorithm}: {len(same)} cells have the same bits now; {len(cells) - len(same)} more are kept")
 
 
-def sample_of(cells: list[tuple[Task, Path]]) -> list[tuple[Task, Path]]:
+def sample_of(cells: list[tuple[CellTask, Path]]) -> list[tuple[CellTask, Path]]:
     """The first, the middle and the last."""
     return [cells[place] for place in sorted({0, len(cells) // 2, len(cells) - 1})]
 
 
-def _earlier_result(task: Task, plan: Plan, device_kind: str) -> Path | None:
+def _earlier_result(task: CellTask, plan: Plan, device_kind: str) -> Path | None:
     """A whole result of the cell whose key is the cell's own but for the code that the result names."""
     cell, *_ = task.path.name.rsplit(".", 2)
     for file in sorted(task.path.parent.glob(f"{cell}.*.npz")):
-        try:
+        with suppress(InputError):
             code = read_cell(file).meta.get("code", "")
-        except InputError:
-            continue
-        key = content_key(plan, task.job.clip_identity, device_kind, code)
-        if code and file == result_path(file.parent, plan.cell, key):
-            return file
+            key = content_key(plan, task.job.clip_identity, device_kind, code)
+            if code and file == result_path(file.parent, plan.cell, key):
+                return file
     return None
 
 

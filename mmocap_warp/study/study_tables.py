@@ -65,14 +65,12 @@ def by_model(study: StudySummary, measure: Measure, algorithm: str) -> Ranking |
 
 def algorithm_rankings(study: StudySummary, measure: Measure, dof: int) -> list[Ranking]:
     """Table 4 or 5: the rankings of a model that there are, a budget each."""
-    found = (by_algorithm(study, measure, dof, budget) for budget in study.budgets)
-    return [ranking for ranking in found if ranking is not None]
+    return [found for budget in study.budgets if (found := by_algorithm(study, measure, dof, budget))]
 
 
 def model_rankings(study: StudySummary, measure: Measure, algorithms: Iterable[str]) -> list[Ranking]:
     """Table 6 or 7: the rankings of these algorithms' models and budgets that there are."""
-    found = (by_model(study, measure, name) for name in algorithms)
-    return [ranking for ranking in found if ranking is not None]
+    return [found for name in algorithms if (found := by_model(study, measure, name))]
 
 
 def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> Ranking | None:
@@ -100,33 +98,21 @@ def _rank(study: StudySummary, measure: Measure, contenders: list[Contender]) ->
     scores = _scores(found, shared, measure)
     lower = measure.sign * scores
     of_blocks = statistics.ranks(lower.mean(axis=2))
-    average = of_blocks.mean(axis=0)
-    drawn = statistics.resampled_means(lower)
-    rank_ends = statistics.central(statistics.ranks(drawn).mean(axis=1)).T
-    mean_ends = np.sort(measure.sign * statistics.central(drawn.mean(axis=1)), axis=0).T
+    average, drawn = of_blocks.mean(axis=0), statistics.resampled_means(lower)
+    rank_ends = statistics.central(statistics.ranks(drawn).mean(axis=1)).T.tolist()
+    mean_ends = np.sort(measure.sign * statistics.central(drawn.mean(axis=1)), axis=0).T.tolist()
     # A row for each contender, the control first.
-    comparisons = statistics.against_control(average, len(shared))
-    control, names = comparisons[0].algorithm, list(found)
-    rows = [
-        Row(
-            names[i],
-            comparison,
-            tuple(rank_ends[i].tolist()),
-            float(scores[:, i].mean()),
-            tuple(mean_ends[i].tolist()),
-            statistics.superiority(lower[:, control], lower[:, i]) if i != control else np.nan,
-        )
-        for i, comparison in ((comparison.algorithm, comparison) for comparison in comparisons)
-    ]
-    return Ranking(
-        measure=measure,
-        rows=tuple(rows),
-        test=statistics.friedman(average, len(shared), statistics.tie_variance(of_blocks)) if len(shared) > 1 else None,
-        sequences=tuple(shared),
-        left_out=tuple(name for name in study.sequences if name not in shared),
-        absent=tuple(contender for contender, cells in known.items() if cells and contender not in found),
-        seeds=scores.shape[2],
-    )
+    comparisons, names = statistics.against_control(average, len(shared)), list(found)
+    control, rows = comparisons[0].algorithm, []
+    for comparison in comparisons:
+        i = comparison.algorithm
+        behind = statistics.superiority(lower[:, control], lower[:, i]) if i != control else np.nan
+        mean = float(scores[:, i].mean())
+        rows.append(Row(names[i], comparison, tuple(rank_ends[i]), mean, tuple(mean_ends[i]), behind))
+    test = statistics.friedman(average, len(shared), statistics.tie_variance(of_blocks)) if len(shared) > 1 else None
+    left_out = tuple(name for name in study.sequences if name not in shared)
+    absent = tuple(contender for contender, cells in known.items() if cells and contender not in found)
+    return Ranking(measure, tuple(rows), test, tuple(shared), left_out, absent, scores.shape[2])
 
 
 @dataclass(frozen=True)
@@ -144,30 +130,20 @@ class ModelDifference:
 
 def model_differences(study: StudySummary, measure: Measure) -> list[ModelDifference]:
     """The larger model against the smaller, over the sequences that both have tracked; empty with one model."""
-    if len(study.models) < 2:
-        return []
-    models = study.models[0], study.models[-1]
     found = []
-    for algorithm, budget in product(study.algorithms, study.budgets):
+    for algorithm, budget in product(study.algorithms, study.budgets) if len(study.models) > 1 else ():
+        models = study.models[0], study.models[-1]
         pair = {dof: study.known(Contender(algorithm, dof, budget), study.sequences, measure) for dof in models}
         shared = [name for name in study.sequences if all(name in cells for cells in pair.values())]
         if not shared:
             continue
         scores = _scores(pair, shared, measure)
-        drawn = statistics.resampled_means(scores)
+        drawn, lower = statistics.resampled_means(scores), measure.sign * scores
         low, high = statistics.central((drawn[..., 0] - drawn[..., 1]).mean(axis=1)).tolist()
-        lower = measure.sign * scores
-        found.append(
-            ModelDifference(
-                algorithm,
-                budget,
-                difference=float((scores[:, 0] - scores[:, 1]).mean()),
-                interval=(low, high),
-                superiority=statistics.superiority(lower[:, 0], lower[:, 1]),
-                p=statistics.signed_rank(scores.mean(axis=2)) if len(shared) >= FEWEST_SEQUENCES else np.nan,
-                sequences=len(shared),
-            )
-        )
+        difference = float((scores[:, 0] - scores[:, 1]).mean())
+        better = statistics.superiority(lower[:, 0], lower[:, 1])
+        p = statistics.signed_rank(scores.mean(axis=2)) if len(shared) >= FEWEST_SEQUENCES else np.nan
+        found.append(ModelDifference(algorithm, budget, difference, (low, high), better, p, len(shared)))
     return found
 
 

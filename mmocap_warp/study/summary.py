@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -94,6 +93,11 @@ class Contender:
         return f"{label}{'' if _is_search(self.algorithm) else ' '}({self.dof},{self.evaluations})"
 
 
+def contender(cell: Cell) -> Contender:
+    """Whose cell it is."""
+    return Contender(cell.algorithm, cell.dof, cell.evaluations)
+
+
 @dataclass(frozen=True)
 class CellSummary:
     """A cell's result in short; every measure in the unit that it is shown in."""
@@ -116,7 +120,7 @@ class CellSummary:
 
 def summarise(result: CellResult) -> CellSummary:
     """The short form of a cell's result; what it does not know is absent."""
-    frames = len(result.frames)
+    frames, once = len(result.frames), result.per_run
     runs, spread, curve, floors = {}, {}, {}, {}
     for measure in MEASURES:
         key, values = measure.key, _values(result, measure)
@@ -124,26 +128,16 @@ def summarise(result: CellResult) -> CellSummary:
             runs[key] = nanmean(values, axis=1)
             spread[key] = np.nanquantile(values, (0, 0.25, 0.5, 0.75, 1))
             curve[key] = nanmedian(values)
-            floor = float(np.mean(result.per_run.get(f"{key}_floor", np.nan))) * measure.factor
+            floor = float(np.mean(once.get(f"{key}_floor", np.nan))) * measure.factor
             floors |= {key: floor} if np.isfinite(floor) else {}
-        elif key in result.per_run and np.isfinite(result.per_run[key]).all():
-            runs[key] = result.per_run[key] * measure.factor / (frames if key in _COUNTS else 1)
+        elif key in once and np.isfinite(once[key]).all():
+            runs[key] = once[key] * measure.factor / (frames if key in _COUNTS else 1)
     typical, main = _typical(result)
-    return CellSummary(
-        cell=result.cell,
-        seeds=result.seeds,
-        frames=result.frames,
-        runs=runs,
-        spread=spread,
-        curve=curve,
-        floors=floors,
-        frames_lost=float(np.mean(result.per_run.get("frames_lost", 0.0))) / frames,
-        typical_pose=result.pose[typical if len(result.pose) > 1 else 0].copy(),
-        typical_curve=np.full(frames, np.nan) if main is None else main[typical].copy(),
-        seconds=float(np.mean(result.per_run.get("seconds", np.nan))),
-        evaluations=int(np.sum(result.per_run.get("evaluations", 0))),
-        meta=result.meta,
-    )
+    pose = result.pose[typical if len(result.pose) > 1 else 0].copy()
+    middle = np.full(frames, np.nan) if main is None else main[typical].copy()
+    lost, seconds = float(np.mean(once.get("frames_lost", 0.0))) / frames, float(np.mean(once.get("seconds", np.nan)))
+    spent, of = int(np.sum(once.get("evaluations", 0))), (result.cell, result.seeds, result.frames)
+    return CellSummary(*of, runs, spread, curve, floors, lost, pose, middle, seconds, spent, result.meta)
 
 
 def with_typical_pose(result: CellResult) -> CellResult:
@@ -169,6 +163,69 @@ class StudySummary:
     # what :func:`mmocap_warp.study.study_tables.rank` has made of it so far
     rankings: dict[tuple, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
+    preset: str = field(init=False)  # of most cells: the one that the study is about
+    presets: list[str] = field(init=False)  # all of them, the main one first
+    grid: list[Cell] = field(init=False)  # of the main preset and compared as the paper does; all where none is such
+    sequences: list[str] = field(init=False)  # of the grid
+    # people outside the family of the tracker's bodies, who stand apart from the grid
+    strangers: list[str] = field(init=False)
+    algorithms: list[str] = field(init=False)  # of the grid, see :func:`in_order`
+    # Those that search part by part: one half of the paper's Fig. 7 and, as far as its text tells, Table 6; and those
+    # that search all at once: Table 7. What this process has not registered is in neither.
+    hierarchical: list[str] = field(init=False)
+    holistic: list[str] = field(init=False)
+    models: list[int] = field(init=False)  # degrees of freedom, the most first
+    budgets: list[int] = field(init=False)  # evaluations per frame, ascending
+    measures: list[Measure] = field(init=False)  # what some cell knows, the one that the study is judged by first
+    evaluations: int = field(init=False)  # spent in all cells
+    # Trackers of the main preset that are not of the grid: ours. The body solved before the body as given.
+    others: list[Contender] = field(init=False)
+    baseline_contenders: list[Contender] = field(init=False)  # the baselines that are known
+    # all that can be compared with the larger model: our trackers, the grid's, the baselines
+    contenders: list[Contender] = field(init=False)
+
+    def __post_init__(self) -> None:
+        presets = [cell.preset for cell in self.cells]
+        preset = max(sorted(set(presets)), key=presets.count, default="")
+        main = [cell for cell in self.cells if cell.preset == preset]
+        searches = [cell for cell in main if _is_search(cell.algorithm)] or main
+        grid = [cell for cell in searches if cell.sequence not in _OF_STRANGERS] or searches
+        sequences = _in_action_order(cell.sequence for cell in grid)
+        algorithms = in_order(cell.algorithm for cell in grid)
+        models = sorted({cell.dof for cell in grid}, reverse=True)
+        budgets = sorted({cell.evaluations for cell in grid})
+        place = {name: number for number, name in enumerate([*CONTOUR_TRACKERS, *ALGORITHMS])}
+
+        def rank(who: Contender) -> tuple[bool, int, Contender]:
+            return "+solved" not in who.algorithm, place.get(who.algorithm.partition("+")[0], len(place)), who
+
+        others = sorted({contender(cell) for cell in main if cell.algorithm not in algorithms}, key=rank)
+        baselines = [
+            Contender(name, models[0], 0) for name in BASELINES if name in {name for _, name in self.baselines}
+        ]
+        compared = [Contender(name, models[0], budget) for name in algorithms for budget in budgets]
+        known = [name for name in algorithms if name in ALGORITHMS]
+        every = self.cells.values()
+        found = {
+            "preset": preset,
+            "presets": sorted(set(presets), key=lambda name: (name != preset, name)),
+            "grid": grid,
+            "sequences": sequences,
+            "strangers": _in_action_order(({cell.sequence for cell in main} & _OF_STRANGERS) - set(sequences)),
+            "algorithms": algorithms,
+            "hierarchical": [name for name in known if ALGORITHMS[name].hierarchical],
+            "holistic": [name for name in known if not ALGORITHMS[name].hierarchical],
+            "models": models,
+            "budgets": budgets,
+            "measures": [measure for measure in MEASURES if any(measure.key in cell.runs for cell in every)],
+            "evaluations": sum(cell.evaluations for cell in every),
+            "others": others,
+            "baseline_contenders": baselines,
+            "contenders": [*others, *compared, *baselines],
+        }
+        for name, value in found.items():
+            object.__setattr__(self, name, value)
+
     @classmethod
     def of(cls, results: Iterable[CellResult]) -> StudySummary:
         """Summarise results one by one, so that only one of them is in memory at a time.
@@ -182,97 +239,11 @@ class StudySummary:
                 cells[result.cell] = summarise(result)
         return cls(cells)
 
-    @cached_property
-    def preset(self) -> str:
-        """The preset of most cells: the one that the study is about."""
-        presets = [cell.preset for cell in self.cells]
-        return max(sorted(set(presets)), key=presets.count)
-
-    @cached_property
-    def presets(self) -> list[str]:
-        """All of them, the main one first."""
-        return sorted({cell.preset for cell in self.cells}, key=lambda preset: (preset != self.preset, preset))
-
-    @cached_property
-    def grid(self) -> list[Cell]:
-        """The cells of the main preset that are compared as the paper does; all of them where none is such."""
-        main = [cell for cell in self.cells if cell.preset == self.preset]
-        searches = [cell for cell in main if _is_search(cell.algorithm)] or main
-        return [cell for cell in searches if cell.sequence not in _OF_STRANGERS] or searches
-
-    @cached_property
-    def others(self) -> list[Contender]:
-        """Trackers of the main preset that are not of the grid: ours. The body solved before the body as given."""
-        names = {cell.algorithm for cell in self.grid}
-        found = {
-            Contender(cell.algorithm, cell.dof, cell.evaluations)
-            for cell in self.cells
-            if cell.preset == self.preset and cell.algorithm not in names
-        }
-        place = {name: number for number, name in enumerate([*CONTOUR_TRACKERS, *ALGORITHMS])}
-
-        def key(who: Contender) -> tuple[bool, int, Contender]:
-            return "+solved" not in who.algorithm, place.get(who.algorithm.partition("+")[0], len(place)), who
-
-        return sorted(found, key=key)
-
-    @cached_property
-    def baseline_contenders(self) -> list[Contender]:
-        """The baselines that are known."""
-        known = {name for _, name in self.baselines}
-        return [Contender(name, self.models[0], 0) for name in BASELINES if name in known]
-
-    @cached_property
-    def contenders(self) -> list[Contender]:
-        """All that can be compared with the larger model: our trackers, the grid's, the baselines."""
-        grid = [Contender(name, self.models[0], budget) for name in self.algorithms for budget in self.budgets]
-        return [*self.others, *grid, *self.baseline_contenders]
-
-    @cached_property
-    def sequences(self) -> list[str]:
-        """Of the grid."""
-        return _in_action_order(cell.sequence for cell in self.grid)
-
-    @cached_property
-    def strangers(self) -> list[str]:
-        """Sequences of people outside the family of the tracker's bodies, which stand apart from the grid."""
-        main = {cell.sequence for cell in self.cells if cell.preset == self.preset}
-        return _in_action_order((main & _OF_STRANGERS) - set(self.sequences))
-
-    @cached_property
-    def algorithms(self) -> list[str]:
-        """In order, see :func:`in_order`."""
-        return in_order(cell.algorithm for cell in self.grid)
-
-    @cached_property
-    def hierarchical(self) -> list[str]:
-        """Those that search part by part: one half of the paper's Fig. 7 and, as far as its text tells, Table 6."""
-        return [name for name in self.algorithms if name in ALGORITHMS and ALGORITHMS[name].hierarchical]
-
-    @cached_property
-    def holistic(self) -> list[str]:
-        """Those that search all at once: Table 7. What this process has not registered is in neither."""
-        return [name for name in self.algorithms if name in ALGORITHMS and not ALGORITHMS[name].hierarchical]
-
-    @cached_property
-    def models(self) -> list[int]:
-        """Degrees of freedom, the most first."""
-        return sorted({cell.dof for cell in self.grid}, reverse=True)
-
-    @cached_property
-    def budgets(self) -> list[int]:
-        """Evaluations per frame, ascending."""
-        return sorted({cell.evaluations for cell in self.grid})
-
-    @cached_property
-    def measures(self) -> list[Measure]:
-        """What some cell knows, the one that the study is judged by first."""
-        return [measure for measure in MEASURES if any(measure.key in cell.runs for cell in self.cells.values())]
-
-    @cached_property
-    def evaluations(self) -> int:
-        """Spent in all cells."""
-        return sum(cell.evaluations for cell in self.cells.values())
+    def of_grid(self, **of: Any) -> list[CellSummary]:
+        """The grid's cells, or those of one algorithm, number of degrees of freedom or the like."""
+        return [
+            self.cells[cell] for cell in self.grid if all(getattr(cell, name) == value for name, value in of.items())
+        ]
 
     def find(self, sequence: str, algorithm: str, dof: int, evaluations: int) -> CellSummary | None:
         """A cell of the main preset; None where the grid has a gap.
@@ -318,9 +289,8 @@ def seconds_alone(results: Iterable[CellResult]) -> dict[Contender, float]:
     """Seconds that a frame takes, by contender: mean over its results, each of a run that was tracked alone."""
     of: dict[Contender, list[float]] = {}
     for result in results:
-        cell, seconds = result.cell, float(np.mean(result.per_run["seconds"]))
-        who = Contender(cell.algorithm, cell.dof, cell.evaluations)
-        of.setdefault(who, []).append(seconds / (len(result.frames) * len(result.seeds)))
+        seconds = float(np.mean(result.per_run["seconds"]))
+        of.setdefault(contender(result.cell), []).append(seconds / (len(result.frames) * len(result.seeds)))
     return {who: float(np.mean(each)) for who, each in of.items()}
 
 

@@ -42,13 +42,8 @@ def recorded(
 ) -> Recording:
     """A body that moves amid cameras, in a world with +Z up and its floor under the lowest point of the motion.
 
-    Args:
-        body: the body.
-        motion: what it does.
-        cameras: how many, evenly around it.
-        size: width and height of their images [px].
-        faulty: give the masks the faults of real ones.
-        seed: of these faults.
+    The cameras stand evenly around it, with images of a ``size`` of width and height [px]. Their masks have the faults
+    of real ones if they are to be ``faulty``, by chance that begins with ``seed``.
 
     Raises:
         ValueError: no camera, or images of no size.
@@ -95,12 +90,8 @@ def write_recorded(
 ) -> Path:
     """Write the recording as a scene with its truth, and the body in its first pose; the path of ``scene.toml``.
 
-    Args:
-        folder: made if it does not exist.
-        recording: what :func:`recorded` made.
-        faulty: whether its masks have faults, and are to be cleaned.
-        file: of the body, with its motions: what a fit starts from, where one is made.
-        progress: called after each frame.
+    Masks that are ``faulty`` are to be cleaned. A ``file`` of the body with its motions is what a fit starts from.
+    ``progress`` is called after each frame.
 
     Raises:
         InputError: a folder that cannot be written to.

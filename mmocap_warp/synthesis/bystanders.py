@@ -22,12 +22,9 @@ _BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 
 
 
 class PasserBy:
-    """Somebody who walks by in a straight line, nearest to ``middle`` at time zero.
+    """Somebody who walks by in a straight line, at time zero nearest to ``middle``, and ``aside`` of it [m].
 
-    Args:
-        rig: undistorted cameras; the floor is at zero along their up axis.
-        middle: (3,), on the floor, what is passed [m].
-        aside: how far from it [m].
+    The cameras are undistorted; the floor, with ``middle`` (3,) on it, is at zero along their up axis.
     """
 
     def __init__(self, rig: CameraRig, middle: np.ndarray, aside: float) -> None:

@@ -11,12 +11,7 @@ from mmocap_warp.body.rotations import applied, zyx_rotation
 
 
 class ExactPoser:
-    """Poses a body in the world; it is used as :class:`mmocap_warp.body.posing.Poser`.
-
-    Args:
-        body: the body.
-        root_base: (3, 3), world from body axes at zero root rotation.
-    """
+    """Poses a body in the world; it takes and gives what :class:`mmocap_warp.body.posing.Poser` does."""
 
     def __init__(self, body: BodyModel, root_base: np.ndarray) -> None:
         self._body = body

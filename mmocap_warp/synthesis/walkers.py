@@ -85,11 +85,8 @@ STRANGERS: dict[str, Person] = _read_people("strangers")
 def resized(body: BodyModel, segments: Mapping[str, Sequence[float]]) -> BodyModel:
     """A body, without shape targets, whose segments have other lengths and girths; joints keep their axes.
 
-    Where a segment goes over into the next, the skin goes over from one size to the other as its weights do.
-
-    Args:
-        body: whose sizes are 1.
-        segments: by the joint that a segment hangs on, factors of its length and girth; others keep their size.
+    Where a segment goes over into the next, the skin goes over from one size to the other as its weights do. Segments
+    are factors of length and girth by the joint that each hangs on; others keep their size, which is 1.
 
     Raises:
         ValueError: a joint that the body does not have.
@@ -145,14 +142,9 @@ _PLACE_ERROR = 0.005  # standard deviation of the place where tracking starts [m
 def fitted_start(person: Person, root_base: np.ndarray, true_pose: np.ndarray, seed: int) -> Subject:
     """The tracker's body where a fit of the first frame might have left it.
 
-    Its joints lie about the true ones as near as they can without turning a bone; then every angle of the 39-DOF model
-    is off by 1.5 degrees and the place by 5 mm, as standard deviations.
-
-    Args:
-        person: who is tracked.
-        root_base: (3, 3), world from body axes at zero root rotation.
-        true_pose: (51,), of the true body.
-        seed: where the errors' chance comes from.
+    Its joints lie about the true ones, of ``true_pose`` (coordinate,), as near as they can without turning a bone; then
+    every angle of the 39-DOF model is off by 1.5 degrees and the place by 5 mm, as standard deviations. ``root_base``
+    (3, 3) is the world from body axes at zero root rotation.
     """
     body, pose = person.tracked_body(), true_pose.astype(np.float64)
     true_joints, joints = (

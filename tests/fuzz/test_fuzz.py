@@ -40,7 +40,7 @@ def test_files_that_escaped_once_do_so_no_more():
 
 @pytest.mark.parametrize("room", ["formats", "masks", "rigging", "scene", "study", "tracking"])
 def test_no_reader_catches_whatever_comes(room):
-    for path in (path for path in (PACKAGE / room).rglob("*.py") if "engines" not in path.parts):
+    for path in (PACKAGE / room).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             caught = ast.unparse(node.type) if isinstance(node, ast.ExceptHandler) and node.type else ""
             blind = isinstance(node, ast.ExceptHandler) and (not caught or "Exception" in caught.split("."))

@@ -13,13 +13,14 @@ from tiny_study import CELLS
 
 from mmocap_warp import cli
 from mmocap_warp.cli import console
-from mmocap_warp.cli.progress import StudyProgress, headline
+from mmocap_warp.cli.progress import JobsProgress, headline
 from mmocap_warp.commands import studies
+from mmocap_warp.jobs.engine import Advance
+from mmocap_warp.jobs.job_run import Seat, Status
 from mmocap_warp.study import store
 from mmocap_warp.study.cell import Cell
-from mmocap_warp.study.job import Advance, Job
-from mmocap_warp.study.run import Seat, Status
-from mmocap_warp.study.store import open_folder
+from mmocap_warp.study.job import Job
+from mmocap_warp.study.store import CellTask, open_folder
 
 
 def run(study: Path, folder: Path, *flags: str) -> int:
@@ -85,7 +86,7 @@ def test_cells_that_fail_are_told_and_the_run_fails(study, copied, capsys, monke
 
 def test_workers_that_are_killed_are_told_in_one_line_and_the_run_fails(study, tmp_path, capsys, monkeypatch):
     engine = ScriptedEngine(1, {Cell("Walk", "pso", 39, 12): DYING_ALWAYS})
-    monkeypatch.setattr(studies, "_local_engine", lambda *_: ("cpu", lambda: engine))
+    monkeypatch.setattr(studies, "engine_of", lambda *_: ("cpu", lambda: engine))
     assert run(study, tmp_path / "r") == console.FAILURE
     out, err = capsys.readouterr()
     assert f"{CELLS - 1} of {CELLS} cells" in out
@@ -138,8 +139,12 @@ def test_half_written_files_are_cleared_away_after_a_while(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [young.name]
 
 
+def cell(*of) -> CellTask:
+    return CellTask(None, Path(), Cell(*of))
+
+
 STATUS = Status(
-    cells=20,
+    jobs=20,
     reused=5,
     finished=3,
     unstored=1,
@@ -148,10 +153,11 @@ STATUS = Status(
     evaluations_left=60000,
     seconds=2.0,
     seats=(
-        Seat("cuda:0", Cell("S1/Walking", "h-cmaes", 39, 500), Advance("search", 3, 10, 100)),
-        Seat("cuda:1", Cell("S1/Box", "pso", 28, 500), None),
-        Seat("cuda:2", None, None),
+        Seat("cuda:0", task=cell("S1/Walking", "h-cmaes", 39, 500), advance=Advance("search", 3, 10, 100)),
+        Seat("cuda:1", task=cell("S1/Box", "pso", 28, 500)),
+        Seat("cuda:2"),
     ),
+    noun="cell",
 )
 
 
@@ -171,7 +177,7 @@ def test_a_terminal_shows_a_table_of_workers(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")
     stream = Terminal()
-    with StudyProgress("tiny", stream=stream) as progress:
+    with JobsProgress("tiny", stream=stream) as progress:
         progress.note("a worker died")
         progress.show(STATUS)
     shown = stream.getvalue()
@@ -189,7 +195,7 @@ def test_a_terminal_shows_a_table_of_workers(monkeypatch):
 
 def test_elsewhere_lines_come_now_and_then(study):
     stream = io.StringIO()
-    with StudyProgress("tiny", stream=stream) as progress:
+    with JobsProgress("tiny", stream=stream) as progress:
         for _ in range(3):
             progress.show(STATUS)
     assert stream.getvalue() == ""

@@ -12,9 +12,10 @@ import pytest
 from tiny_study import tasks_of
 
 from mmocap_warp import code_hash as module
+from mmocap_warp.jobs.engine import Refusal
 from mmocap_warp.study import store
 from mmocap_warp.study.definition import load_study
-from mmocap_warp.study.job import Refusal, Worker
+from mmocap_warp.study.job import Worker
 from mmocap_warp.study.store import content_key
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -18,10 +18,10 @@ from tiny_study import answer_members, run_quietly, tasks_of, write_study
 from mmocap_warp import cli
 from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.engines import ray as engine_module
-from mmocap_warp.study.engines.engine import Death, EngineLost, Notice
-from mmocap_warp.study.engines.ray import RayEngine, Shares, _how_it_ended, join_cluster, share_cluster
-from mmocap_warp.study.job import LESS_MEMORY
+from mmocap_warp.jobs import ray_engine as engine_module
+from mmocap_warp.jobs.engine import LESS_MEMORY, Death, EngineLost, Notice
+from mmocap_warp.jobs.ray_engine import RayEngine, Shares, _how_it_ended, join_cluster, share_cluster
+from mmocap_warp.study.job import Worker
 
 STUDY = ALL_ALGORITHMS.replace('"h-cmaes", "cmaes", "de", "pso"', '"h-cmaes", "pso"')
 CELLS = 6
@@ -53,7 +53,7 @@ def started(cluster: Cluster, study: Path, results: Path, patience: float = 60.0
     main = f"""
 import sys
 from pathlib import Path
-from mmocap_warp.study.engines import ray
+from mmocap_warp.jobs import ray_engine as ray
 from mmocap_warp.cli import main
 ray._PATIENCE = {patience}
 ray._SECONDS_BETWEEN_PROBES = 1.0
@@ -173,12 +173,12 @@ def test_a_cluster_is_shared_out(workers, gpus, shares, monkeypatch):
 
 def test_a_head_that_does_not_answer_has_vanished():
     with pytest.raises(EngineLost, match=r"the Ray cluster at 127\.0\.0\.1:1 has vanished"):
-        RayEngine("127.0.0.1:1", Shares(0, 0.0, 2))._check_head()
+        RayEngine(Worker, "127.0.0.1:1", Shares(0, 0.0, 2))._check_head()
 
 
 def test_a_machine_that_a_worker_fits_on_is_waited_for(monkeypatch):
     monkeypatch.setattr(engine_module, "_PATIENCE", 0.0)
-    engine = RayEngine("head:1", Shares(0, 0.0, 2))
+    engine = RayEngine(Worker, "head:1", Shares(0, 0.0, 2))
     for _ in range(2):  # once it is there again, the next wait is a new one
         machines(monkeypatch, {"CPU": 1.0}, {"CPU": 2.0})
         assert engine._check_machines() == []

@@ -28,11 +28,13 @@ from study_workers import (
 )
 from tiny_study import CELLS, FRAMES, STUDY, answer_members, run_quietly, tasks_of
 
-from mmocap_warp.study import job, run
+from mmocap_warp.jobs import job_run
+from mmocap_warp.jobs.engine import Refusal
+from mmocap_warp.jobs.job_run import run_jobs
+from mmocap_warp.jobs.local_engine import LocalEngine, local_devices
+from mmocap_warp.study import job, store
 from mmocap_warp.study.cell import read_cell
-from mmocap_warp.study.engines.local import LocalEngine, local_devices
-from mmocap_warp.study.job import Refusal, Worker
-from mmocap_warp.study.run import run_study
+from mmocap_warp.study.job import Worker
 from mmocap_warp.study.summary import summarise, with_typical_pose
 
 
@@ -50,7 +52,7 @@ def same_files(some: Path, whole: Path) -> bool:
 def test_a_result_says_what_was_tracked(whole, study):
     task = tasks_of(study, whole)[0]
     result = read_cell(task.path)
-    assert result.cell == task.cell
+    assert result.cell == task.name
     assert result.pose.shape == (2, FRAMES, 51)
     assert result.seeds.tolist() == [0, 1]
     assert result.frames.tolist() == list(range(FRAMES))
@@ -137,7 +139,7 @@ def test_folders_of_two_machines_are_merged_by_copying(study, whole, tmp_path):
 
 def test_the_number_of_threads_changes_nothing(study, whole, tmp_path):
     tasks = tasks_of(study, tmp_path / "results")[:2]
-    run_quietly(tasks, lambda: LocalEngine(["cpu"], threads=3))
+    run_quietly(tasks, lambda: LocalEngine(Worker, ["cpu"], threads=3))
     assert len(list((tmp_path / "results").iterdir())) == 2
     assert same_files(tmp_path / "results", whole)
 
@@ -158,7 +160,7 @@ def test_a_damaged_result_is_told_and_tracked_again(study, whole, copied):
 def test_a_worker_that_is_killed_is_replaced_and_its_cell_repeated(study, whole, tmp_path):
     notes, serve = [], partial(serve_and_die_once, tmp_path / "mark")
     tasks = tasks_of(study, tmp_path / "results")[:4]
-    status = run_quietly(tasks, lambda: LocalEngine(["cpu"], 1, serve), notes)
+    status = run_quietly(tasks, lambda: LocalEngine(Worker, ["cpu"], 1, serve), notes)
     assert (status.finished, status.failures) == (4, {})
     assert len(notes) == 1
     assert "cpu died (killed by SIGKILL); the cell is tried again" in notes[0]
@@ -168,11 +170,11 @@ def test_a_worker_that_is_killed_is_replaced_and_its_cell_repeated(study, whole,
 def test_a_cell_that_workers_are_killed_at_is_told_with_the_remedy(study, tmp_path):
     """As by a system that is short of memory."""
     tasks, notes = tasks_of(study, tmp_path / "results"), []
-    few = [next(task for task in tasks if task.cell.algorithm == name) for name in ("pso", "de", "cmaes")]
-    status = run_quietly(few, lambda: LocalEngine(["cpu"], 1, serve_and_be_killed), notes)
-    assert (status.finished, list(status.failures)) == (2, [few[0].cell])
+    few = [next(task for task in tasks if task.name.algorithm == name) for name in ("pso", "de", "cmaes")]
+    status = run_quietly(few, lambda: LocalEngine(Worker, ["cpu"], 1, serve_and_be_killed), notes)
+    assert (status.finished, list(status.failures)) == (2, [few[0].name])
     assert notes[-1] == (
-        f"{few[0].cell}: given up: cpu died (killed by SIGKILL), as workers did 3 times at this cell; a system that is "
+        f"{few[0].name}: given up: cpu died (killed by SIGKILL), as workers did 3 times at this cell; a system that is "
         "short of memory kills so: give the study fewer seeds or frames, or run fewer workers at a time on this machine"
     )
     assert len(notes) == 3
@@ -226,7 +228,9 @@ def test_more_seeds_than_fit_are_refused_with_the_number_that_does(study, tmp_pa
 
 def test_workers_that_cannot_start_end_the_run(study, tmp_path):
     notes = []
-    status = run_quietly(tasks_of(study, tmp_path / "results"), lambda: LocalEngine(["cpu"], 1, serve_never), notes)
+    status = run_quietly(
+        tasks_of(study, tmp_path / "results"), lambda: LocalEngine(Worker, ["cpu"], 1, serve_never), notes
+    )
     assert len(status.failures) == CELLS
     assert "died while it waited or started (ended with exit code 3)" in notes[0]
     assert notes[-1] == f"every worker died while starting; {CELLS} cells are left for another run"
@@ -235,19 +239,19 @@ def test_workers_that_cannot_start_end_the_run(study, tmp_path):
 def test_an_error_in_a_worker_names_itself(study, tmp_path, monkeypatch):
     """Wrong input is refused at once; anything else is tried again on a new process."""
     tasks, notes = tasks_of(study, tmp_path / "results")[:1], []
-    status = run_quietly(tasks, lambda: Spoiling(["cpu"], 1, config=None), notes)
-    assert "AttributeError: 'NoneType'" in status.failures[tasks[0].cell]
+    status = run_quietly(tasks, lambda: Spoiling(Worker, ["cpu"], 1, config=None), notes)
+    assert "AttributeError: 'NoneType'" in status.failures[tasks[0].name]
     assert len(notes) == 3
-    status = run_quietly(tasks, lambda: Spoiling(["cpu"], 1, clip_identity="other"), notes)
-    assert "Walk is not the same here as where the study was started" in status.failures[tasks[0].cell]
+    status = run_quietly(tasks, lambda: Spoiling(Worker, ["cpu"], 1, clip_identity="other"), notes)
+    assert "Walk is not the same here as where the study was started" in status.failures[tasks[0].name]
     assert len(notes) == 4
 
 
 class Spoiling(LocalEngine):
     """An engine that changes the jobs it is given."""
 
-    def __init__(self, devices, threads, **changes):
-        super().__init__(devices, threads)
+    def __init__(self, make, devices, threads, **changes):
+        super().__init__(make, devices, threads)
         self._changes = changes
 
     def submit(self, worker, job):
@@ -256,14 +260,14 @@ class Spoiling(LocalEngine):
 
 def test_a_cell_is_tried_three_times_and_the_rest_goes_on(study, tmp_path):
     tasks, notes = tasks_of(study, tmp_path / "results"), []
-    engine = ScriptedEngine(2, {tasks[1].cell: DYING_ALWAYS, tasks[4].cell: DYING_ONCE, tasks[6].cell: FAILING})
+    engine = ScriptedEngine(2, {tasks[1].name: DYING_ALWAYS, tasks[4].name: DYING_ONCE, tasks[6].name: FAILING})
     status = run_quietly(tasks, lambda: engine, notes)
     assert status.finished == CELLS - 2
-    assert set(status.failures) == {tasks[1].cell, tasks[6].cell}
-    assert "as workers did 3 times at this cell" in status.failures[tasks[1].cell]
-    assert status.failures[tasks[6].cell] == "scene.toml: is wrong; mend it"
+    assert set(status.failures) == {tasks[1].name, tasks[6].name}
+    assert "as workers did 3 times at this cell" in status.failures[tasks[1].name]
+    assert status.failures[tasks[6].name] == "scene.toml: is wrong; mend it"
     tried = [job.cell for job in engine.submitted]
-    assert [tried.count(tasks[i].cell) for i in (0, 1, 4, 6)] == [1, 3, 2, 1]
+    assert [tried.count(tasks[i].name) for i in (0, 1, 4, 6)] == [1, 3, 2, 1]
     assert engine.closed
 
 
@@ -306,7 +310,7 @@ class Clock(ScriptedEngine):
     def __init__(self, monkeypatch) -> None:
         super().__init__(1, {})
         self.now = 1000.0
-        monkeypatch.setattr(run.time, "monotonic", lambda: self.now)
+        monkeypatch.setattr(job_run.time, "monotonic", lambda: self.now)
 
     def submit(self, worker, job):
         super().submit(worker, job)
@@ -319,7 +323,7 @@ def test_no_cell_is_begun_that_the_time_would_not_do_for(study, tmp_path, monkey
     several.write_text(STUDY + grid.replace("[12]", "[120]") + grid.replace("[12]", "[6]"))
     tasks, notes = tasks_of(several, tmp_path / "results"), []
     engine = Clock(monkeypatch)
-    status = run_study(tasks, lambda: engine, lambda _: None, notes.append, seconds=12 * 1.2 + 12 + 6)
+    status = run_jobs(tasks, lambda: engine, lambda _: None, notes.append, seconds=12 * 1.2 + 12 + 6)
     budgets = [job.cell.evaluations for job in engine.submitted]
     assert budgets == [12] * CELLS + [120] + [6] * 9
     assert (status.finished, len(status.failures)) == (len(budgets), 2 * CELLS - 10)
@@ -329,7 +333,7 @@ def test_no_cell_is_begun_that_the_time_would_not_do_for(study, tmp_path, monkey
 
 def test_the_typical_runs_poses_can_be_kept_alone(study, whole, tmp_path):
     tasks = tasks_of(study, tmp_path / "results")[:2]
-    run_study(tasks, lambda: LocalEngine(["cpu"], 1), lambda _: None, print, keep=with_typical_pose)
+    run_jobs(tasks, lambda: LocalEngine(Worker, ["cpu"], 1), lambda _: None, print, keep=with_typical_pose)
     for task in tasks:
         kept, full = read_cell(task.path), read_cell(whole / task.path.name)
         assert kept.pose.shape == (1, FRAMES, 51)
@@ -341,7 +345,7 @@ def test_the_typical_runs_poses_can_be_kept_alone(study, whole, tmp_path):
 
 def full_disk(monkeypatch, *, writes_that_fail: int, patience: float = 0.0) -> list[Path]:
     """The disk is full for so many writes; returns what is written."""
-    write, written = run.write_cell, []
+    write, written = store.write_cell, []
 
     def writing(path, result):
         written.append(path)
@@ -350,10 +354,10 @@ def full_disk(monkeypatch, *, writes_that_fail: int, patience: float = 0.0) -> l
                 patched.setattr(Path, "write_bytes", no_space)
             write(path, result)
 
-    monkeypatch.setattr(run, "write_cell", writing)
-    monkeypatch.setattr(run, "_SECONDS_BETWEEN_TRIES", 0.0)
-    monkeypatch.setattr(run, "_PATIENCE", patience)
-    monkeypatch.setattr(run, "_WAIT", 0.001)
+    monkeypatch.setattr(store, "write_cell", writing)
+    monkeypatch.setattr(job_run, "_SECONDS_BETWEEN_TRIES", 0.0)
+    monkeypatch.setattr(job_run, "_PATIENCE", patience)
+    monkeypatch.setattr(job_run, "_WAIT", 0.001)
     return written
 
 
@@ -375,7 +379,7 @@ def test_a_full_disk_costs_nothing_if_room_is_made(study, whole, tmp_path, monke
 def test_room_is_waited_for(capacity, study, tmp_path, monkeypatch):
     """In the end, and whenever more results wait than should."""
     full_disk(monkeypatch, writes_that_fail=50, patience=60.0)
-    monkeypatch.setattr(run, "_CAPACITY", capacity)
+    monkeypatch.setattr(job_run, "_CAPACITY", capacity)
     tasks, notes = tasks_of(study, tmp_path / "results"), []
     status = run_quietly(tasks, lambda: ScriptedEngine(1, {}), notes)
     assert (status.finished, status.unstored, status.failures) == (CELLS, 0, {})
@@ -393,7 +397,7 @@ def test_a_disk_that_stays_full_is_told(study, tmp_path, monkeypatch):
 
 def test_nothing_is_begun_that_could_not_be_kept(study, tmp_path, monkeypatch):
     full_disk(monkeypatch, writes_that_fail=1000)
-    monkeypatch.setattr(run, "_CAPACITY", 2)
+    monkeypatch.setattr(job_run, "_CAPACITY", 2)
     engine = ScriptedEngine(1, {})
     status = run_quietly(tasks_of(study, tmp_path / "results"), lambda: engine)
     assert len(engine.submitted) == 2
@@ -403,7 +407,7 @@ def test_nothing_is_begun_that_could_not_be_kept(study, tmp_path, monkeypatch):
 def test_a_run_tells_rate_and_what_is_left(study, tmp_path):
     seen = []
     tasks = tasks_of(study, tmp_path / "results")
-    run_study(tasks, lambda: ScriptedEngine(1, {}), seen.append, lambda line: None)
+    run_jobs(tasks, lambda: ScriptedEngine(1, {}), seen.append, lambda line: None)
     left = [status.evaluations_left for status in seen]
     assert left[-1] == 0
     assert all(later <= earlier for earlier, later in pairwise(left))
@@ -420,5 +424,5 @@ def test_devices_are_listed():
 
 def test_two_processes_of_one_device_share_the_work(study, whole, tmp_path):
     tasks = tasks_of(study, tmp_path / "results")[:4]
-    assert run_quietly(tasks, lambda: LocalEngine(["cpu", "cpu"], threads=1)).finished == 4
+    assert run_quietly(tasks, lambda: LocalEngine(Worker, ["cpu", "cpu"], threads=1)).finished == 4
     assert same_files(tmp_path / "results", whole)

@@ -17,7 +17,7 @@ from mmocap_warp.cli import main
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.study.sequence_scene import write_sequence
+from mmocap_warp.study.degradations import write_sequence
 from mmocap_warp.study.sequences import (
     CLIP_PLANS,
     FPS,

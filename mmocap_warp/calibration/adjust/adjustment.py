@@ -69,12 +69,6 @@ class Adjustment:
 
     ``body`` is the generic one that the person's is expected to be near to.
 
-    Attributes:
-        footage: the masks.
-        given: the cameras as they were calibrated, at the masks' size.
-        space: bodies around the generic one.
-        sigma: (camera, parameter) how far cameras may be from their calibration.
-
     Raises:
         ValueError: a camera that the scene does not have.
     """
@@ -84,9 +78,9 @@ class Adjustment:
         self.device = resolve_device(config.device)
         self.threads = config.threads or available_threads()
         self.footage = Footage(scene, config.scale)
-        self.given = self.footage.rig
-        self.space = RestSpace(body)
-        self.sigma = config.deviations.of(self.given)
+        self.given = self.footage.rig  # the cameras as they were calibrated, at the masks' size
+        self.space = RestSpace(body)  # bodies around the generic one
+        self.sigma = config.deviations.of(self.given)  # (camera, parameter) how far off the calibration may be
         self._world_floats = bool(self.sigma[:, POSITION].any())  # all cameras and the person may move together
         names, distance = self.given.names, config.distance
         config.check_names(names)

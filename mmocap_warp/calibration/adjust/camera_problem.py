@@ -44,26 +44,17 @@ too short [m], and gives the length's derivatives by both.
 
 @dataclass(frozen=True, eq=False)
 class CameraSolution:
-    """Cameras, body and poses of one least-squares problem.
+    """Cameras, body and poses of one least-squares problem."""
 
-    Attributes:
-        change: (camera, parameter) of the cameras.
-        beta: (parameter,) of the body.
-        rooted: the poses.
-        free: (camera, parameter) bool: what was solved for.
-        covariance: (free parameter, free parameter) of the cameras, as large as a single frame would leave it, because
-            body and masks are wrong in all frames alike.
-        cost: mean cost of the contours in a frame.
-        larger: (camera,) margins of the masks [px].
-    """
-
-    change: np.ndarray
-    beta: np.ndarray
-    rooted: RootedPoses
-    free: np.ndarray
+    change: np.ndarray  # (camera, parameter) of the cameras
+    beta: np.ndarray  # (parameter,) of the body
+    rooted: RootedPoses  # the poses
+    free: np.ndarray  # (camera, parameter) bool: what was solved for
+    # (free parameter, free parameter) of the cameras, as large as a single frame would leave it, because body and masks
+    # are wrong in all frames alike.
     covariance: np.ndarray
-    cost: float
-    larger: np.ndarray | None = None
+    cost: float  # mean cost of the contours in a frame
+    larger: np.ndarray | None = None  # (camera,) margins of the masks [px]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,26 +63,16 @@ class CameraProblem:
 
     Each camera's masks may be larger all around than what they show by a margin of its own, because segmentation
     depends on the background. Without this parameter the margin would look like a nearer camera or a longer lens.
-
-    Attributes:
-        rig: the cameras that are in doubt, at the masks' size.
-        lag: (camera,) how much later in its own frames each shows what happens, as far as is known [s].
-        space: bodies around the one that is expected.
-        rooting: moves poses; it searches the root's translation and all its angles.
-        share: of the space's standard deviations, how far from the expected body the person may be.
-        sigma: (camera, parameter) how far cameras may be from ``rig``; zero holds a parameter.
-        known: lengths that are known.
-        larger: standard deviation of each camera's margin [px]; 0 holds it.
     """
 
-    rig: CameraRig
-    lag: np.ndarray
-    space: RestSpace
-    rooting: Rooting
-    share: float
-    sigma: np.ndarray
-    known: tuple[KnownLength, ...] = ()
-    larger: float = LARGER
+    rig: CameraRig  # the cameras that are in doubt, at the masks' size
+    lag: np.ndarray  # (camera,) how much later in its own frames each shows what happens, as far as is known [s]
+    space: RestSpace  # bodies around the one that is expected
+    rooting: Rooting  # moves poses; it searches the root's translation and all its angles
+    share: float  # of the space's standard deviations, how far from the expected body the person may be
+    sigma: np.ndarray  # (camera, parameter) how far cameras may be from ``rig``; zero holds a parameter
+    known: tuple[KnownLength, ...] = ()  # lengths that are known
+    larger: float = LARGER  # standard deviation of each camera's margin [px]; 0 holds it
 
     def __post_init__(self) -> None:
         if not self.rooting.folds or not np.isin(np.arange(3), self.rooting.searched).all():

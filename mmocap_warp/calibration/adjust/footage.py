@@ -24,20 +24,16 @@ MIN_FRAMES = 4
 class Footage:
     """A recording's masks, read again whenever its cameras' times change.
 
-    The masks are read without repair, because repairing them would need the calibration that is in doubt.
-
-    Attributes:
-        scale: of masks and cameras; by default images are at most 640 pixels long.
-        rig: the cameras as they were calibrated, at the masks' size.
-        fps: of the frames that are used.
+    The masks are read without repair, because repairing them would need the calibration that is in doubt. ``scale`` is
+    of masks and cameras; by default images are at most 640 pixels long.
     """
 
     def __init__(self, scene: Scene, scale: float | None = None) -> None:
         self._scene = replace(scene, foreground=replace(scene.foreground, repair=False))
         self.scale = scale or min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max()))
-        self.rig = scene.rig(self.scale)
+        self.rig = scene.rig(self.scale)  # the cameras as they were calibrated, at the masks' size
         self._step = max(1, int(scene.rate / _RATE))
-        self.fps = scene.rate / self._step
+        self.fps = scene.rate / self._step  # of the frames that are used
 
     def _first_frames(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(camera,) the number of each camera's first frame, if offsets grow by ``offset``, and the rest [s]."""
@@ -51,10 +47,9 @@ class Footage:
         return self._first_frames(offset)[1]
 
     def observations(self, offset: np.ndarray) -> list[Observation]:
-        """The masks of the frames that are used; each camera gives its nearest whole frame.
+        """The masks of the frames that are used, if cameras lag by ``offset`` (camera,) [s] more than the scene says.
 
-        Args:
-            offset: (camera,) by how much more cameras lag than the scene says [s].
+        Each camera gives its nearest whole frame.
         """
         shifted = tuple(
             replace(source, frame_offset=int(frames), fraction=0.0)
@@ -68,17 +63,11 @@ class Footage:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Poses of consecutive frames.
+    """Poses of consecutive frames."""
 
-    Attributes:
-        rooting: moves poses; it searches all of the root's angles.
-        rooted: the poses.
-        fps: of the frames.
-    """
-
-    rooting: Rooting
-    rooted: RootedPoses
-    fps: float
+    rooting: Rooting  # moves poses; it searches all of the root's angles
+    rooted: RootedPoses  # the poses
+    fps: float  # of the frames
 
     def at(self, frame: np.ndarray) -> RootedPoses:
         """The poses at frames (n,), which may be fractions; beyond the clip's ends the person stands still."""
@@ -109,19 +98,12 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """The person as tracked by cameras.
+    """The person as tracked by cameras."""
 
-    Attributes:
-        subject: the body, with the pose of the first frame.
-        observations: the frames' masks, each camera's shifted by whole frames.
-        motion: the poses.
-        found: (frame,) int, the frames in which the person was found.
-    """
-
-    subject: Subject
-    observations: list[Observation]
-    motion: Motion
-    found: np.ndarray
+    subject: Subject  # the body, with the pose of the first frame
+    observations: list[Observation]  # the frames' masks, each camera's shifted by whole frames
+    motion: Motion  # the poses
+    found: np.ndarray  # (frame,) int, the frames in which the person was found
 
     def spread(self, count: int) -> np.ndarray:
         """At most ``count`` frames that show the person, evenly spread, with the first and the last.

@@ -143,19 +143,12 @@ def landmarks(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class LandmarkProblem:
-    """A bundle adjustment of cameras and moving points.
+    """A bundle adjustment of cameras and moving points."""
 
-    Attributes:
-        rig: cameras to start from.
-        seen: (frame, camera, point, 2) in consecutive frames [px], NaN where a point is not seen.
-        fps: of these frames.
-        sigma: (camera, parameter) standard deviations of the cameras about ``rig``; zero holds a parameter.
-    """
-
-    rig: CameraRig
-    seen: np.ndarray
-    fps: float
-    sigma: np.ndarray
+    rig: CameraRig  # cameras to start from
+    seen: np.ndarray  # (frame, camera, point, 2) in consecutive frames [px], NaN where a point is not seen
+    fps: float  # of these frames
+    sigma: np.ndarray  # (camera, parameter) standard deviations of the cameras about ``rig``; zero holds a parameter
 
     def solve(self) -> np.ndarray:
         """(camera, parameter) changes of the cameras after which points are seen where they meet."""

@@ -48,15 +48,10 @@ UNDETERMINED = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Overlaps:
-    """Intersection over union of masks and the body.
+    """Intersection over union of masks and the body."""
 
-    Attributes:
-        together: (camera,) means over the frames, with body and poses from all views.
-        apart: (camera,) the same, of each view with body and poses from the other views alone.
-    """
-
-    together: np.ndarray
-    apart: np.ndarray
+    together: np.ndarray  # (camera,) means over the frames, with body and poses from all views
+    apart: np.ndarray  # (camera,) the same, of each view with body and poses from the other views alone
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -251,7 +246,7 @@ def _held_out_overlaps(adjustment: Adjustment, person: Person, beta: np.ndarray,
 
     # Each view is judged by a body and poses that it had no part in, and by those of all views.
     views = range(len(rig))
-    apart = [solved([_without_view(observation, k) for observation in observations]) for k in views]
+    apart = [solved([each.without(view) for each in observations]) for view in np.eye(len(rig), dtype=bool)]
     together = [solved(observations)] * len(rig)
     overlaps = [
         np.array([_mean_overlap(problem, solutions[k], k, velocity, observations) for k in views])
@@ -275,13 +270,6 @@ def _mean_overlap(
             mask = unpack_masks(observation.words[k : k + 1], camera.size)[0]
             overlaps.append(intersection_over_union(drawn, mask))
     return float(np.mean(overlaps)) if overlaps else float("nan")
-
-
-def _without_view(observation: Observation, k: int) -> Observation:
-    """The frame as if one view had seen nothing."""
-    words, foreground = observation.words.copy(), observation.foreground.copy()
-    words[k], foreground[k] = 0, 0
-    return replace(observation, words=words, foreground=foreground)
 
 
 def select_parameters(

@@ -32,17 +32,11 @@ _REWEIGHTINGS = 20
 
 @dataclass(frozen=True, eq=False)
 class StandingView:
-    """A camera over the floor, in axes of its own: x to its right, y ahead, z up from the floor below it.
+    """A camera over the floor, in axes of its own: x to its right, y ahead, z up from the floor below it."""
 
-    Attributes:
-        R: (3, 3), rotation from these axes to the camera's.
-        height: of the camera over the floor [m].
-        track: (frame, 2), where the person stood [m]; NaN where not seen.
-    """
-
-    R: np.ndarray
-    height: float
-    track: np.ndarray
+    R: np.ndarray  # (3, 3), rotation from these axes to the camera's
+    height: float  # of the camera over the floor [m]
+    track: np.ndarray  # (frame, 2), where the person stood [m]; NaN where not seen
 
 
 def standing_view(name: str, head: np.ndarray, foot: np.ndarray, K: np.ndarray, stature: float) -> StandingView:

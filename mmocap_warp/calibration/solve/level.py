@@ -26,10 +26,8 @@ _MIN_POINTS = 20  # points of heads, and of feet
 def level_world(cameras: Pinholes, person: PersonInViews, stature: float) -> Pinholes:
     """The cameras in a world in metres, whose floor is at z = 0 and whose z points up; its origin is below the heads.
 
-    Args:
-        cameras: in a world whose z points up within a few degrees.
-        person: the person in the views.
-        stature: height of the top of the head over the floor that is usual in the recording [m].
+    The world that they are in points its z up within a few degrees. The ``stature`` is the height of the top of the
+    head over the floor that is usual in the recording [m].
 
     Raises:
         UnsolvableError: too few points of heads or of feet.

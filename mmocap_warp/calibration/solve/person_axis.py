@@ -23,17 +23,11 @@ _MIN_SLENDERNESS = 1.6  # standard deviation of a standing person's pixels along
 
 @dataclass(frozen=True, eq=False)
 class PersonInViews:
-    """What cameras see of the person; NaN in frames where a camera does not see the whole person.
+    """What cameras see of the person; NaN in frames where a camera does not see the whole person."""
 
-    Attributes:
-        head: (camera, frame, 2) float64, the top of the head [px].
-        foot: (camera, frame, 2) float64, where the body's axis ends at the height of the lower foot [px].
-        hull: (camera, frame, CORNERS, 2) float64, corners of the silhouette's convex hull in order [px].
-    """
-
-    head: np.ndarray
-    foot: np.ndarray
-    hull: np.ndarray
+    head: np.ndarray  # (camera, frame, 2) float64, the top of the head [px]
+    foot: np.ndarray  # (camera, frame, 2) float64, where the body's axis ends at the height of the lower foot [px]
+    hull: np.ndarray  # (camera, frame, CORNERS, 2) float64, corners of the silhouette's convex hull in order [px]
 
     @property
     def whole(self) -> np.ndarray:

@@ -30,19 +30,12 @@ _NUDGE = 1e-6  # step for derivatives by differences [rad, m, 1]
 
 @dataclass(frozen=True, eq=False)
 class Pinholes:
-    """Pinhole cameras as arrays.
+    """Pinhole cameras as arrays."""
 
-    Attributes:
-        R: (camera, 3, 3), rotation, world to camera.
-        centre: (camera, 3), optical centres [m].
-        focal: (camera, 2), focal lengths [px].
-        middle: (camera, 2), principal points [px].
-    """
-
-    R: np.ndarray
-    centre: np.ndarray
-    focal: np.ndarray
-    middle: np.ndarray
+    R: np.ndarray  # (camera, 3, 3), rotation, world to camera
+    centre: np.ndarray  # (camera, 3), optical centres [m]
+    focal: np.ndarray  # (camera, 2), focal lengths [px]
+    middle: np.ndarray  # (camera, 2), principal points [px]
 
     def moved(self, step: np.ndarray) -> Pinholes:
         """The cameras after a step (camera, 7): rotation [rad], shift [m] and logarithm of the zoom."""
@@ -61,19 +54,12 @@ class Pinholes:
 
 @dataclass(frozen=True, eq=False)
 class Tangents:
-    """Points of two silhouettes where a plane through both cameras touches them.
+    """Points of two silhouettes where a plane through both cameras touches them."""
 
-    Attributes:
-        camera: (2, n) int, the first and the second camera.
-        frame: (n,) int.
-        pixel: (2, n, 2), the point in the first and the second view [px].
-        missing: tangents that do not exist because a silhouette surrounds the line through two cameras.
-    """
-
-    camera: np.ndarray
-    frame: np.ndarray
-    pixel: np.ndarray
-    missing: int = 0
+    camera: np.ndarray  # (2, n) int, the first and the second camera
+    frame: np.ndarray  # (n,) int
+    pixel: np.ndarray  # (2, n, 2), the point in the first and the second view [px]
+    missing: int = 0  # tangents that do not exist because a silhouette surrounds the line through two cameras
 
     def in_view(self, k: int) -> np.ndarray:
         """(n,) bool: the tangents of which one point is in this view."""

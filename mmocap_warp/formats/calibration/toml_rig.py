@@ -86,11 +86,8 @@ def _take_camera(table: Table, name: str, metres: float | None) -> Camera:
 def write_toml_rig(path: str | Path, rig: CameraRig, offsets: dict[str, float] | None = None) -> None:
     """Write ``rig`` in metres, to be read by :func:`read_toml_rig`, Pose2Sim and aniposelib.
 
-    Args:
-        path: the file.
-        rig: the cameras.
-        offsets: how much later than others cameras show what happens [s], by name. They stand in ``[metadata]`` for
-            people to read: times are the scene file's.
+    By ``offsets`` [s] cameras show later than others what happens, by name. They stand in ``[metadata]`` for people to
+    read: times are the scene file's.
     """
     lines = []
     for k, name in enumerate(rig.names):

@@ -1,14 +1,13 @@
 """Other programs' rigs: a person under their joints' names, bound in their rest pose, with the same motion.
 
-``mixamo``: the names are those of three-vrm's table (pixiv, MIT licence), which leaves out Mixamo's colon as USD and
-three.js must. The rest pose is a T: arms along x, legs along -y, trunk and feet as the body has them. A joint's axes at
-rest are the body's own: how Mixamo rolls its bones is documented under no licence, and programs that retarget go by
-the rest pose. Joints that the body lacks (Spine1, Head, shoulder blades, fingers, toes) are missing.
+The rigs are in ``rigs.toml``. A joint's axes at rest are the body's own.
 """
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, replace
+from importlib.resources import files
 
 import numpy as np
 
@@ -19,9 +18,6 @@ from mmocap_warp.formats.exports.tables import steady_angles
 from mmocap_warp.result.result import Result
 
 _MAX_NAMED = 4  # joints that a message lists
-_SIDES = {"L": ("Left", 1.0), "R": ("Right", -1.0)}
-_MIXAMO_TRUNK = {"Root": "Hips", "BottomSpine": "Spine", "UpperSpine": "Spine2", "Neck": "Neck"}
-_MIXAMO_LIMBS = {"Shoulder": "Arm", "Elbow": "ForeArm", "Wrist": "Hand", "Hip": "UpLeg", "Knee": "Leg", "Ankle": "Foot"}
 
 
 @dataclass(frozen=True)
@@ -29,28 +25,14 @@ class Rig:
     """How another program knows a person."""
 
     names: dict[str, str]  # its name of each of the body's joints
-    # From the root outwards: the joint at which a bone begins, the joint at which it ends, and where it points in the
-    # rest pose, in body axes. What hangs on a bone turns with it, except ``upright``.
-    bones: tuple[tuple[str, str, tuple[float, float, float]], ...]
-    upright: tuple[str, ...]  # joints that stay as they are in the body's bind pose
+    # By the joint at which a bone begins: the one at which it ends, and where it points in the rest pose, in body axes.
+    # What hangs on a bone turns with it, except ``upright``.
+    bones: dict[str, tuple[str, list[float]]]
+    upright: list[str]  # joints that stay as they are in the body's bind pose
 
 
-RIGS = {
-    "mixamo": Rig(
-        names={joint: f"mixamorig{name}" for joint, name in _MIXAMO_TRUNK.items()}
-        | {
-            f"{letter}{joint}": f"mixamorig{side}{name}"
-            for letter, (side, _) in _SIDES.items()
-            for joint, name in _MIXAMO_LIMBS.items()
-        },
-        bones=tuple(
-            (letter + start, letter + end, (left, 0.0, 0.0) if start in ("Shoulder", "Elbow") else (0.0, -1.0, 0.0))
-            for letter, (_, left) in _SIDES.items()
-            for start, end in (("Shoulder", "Elbow"), ("Elbow", "Wrist"), ("Hip", "Knee"), ("Knee", "Ankle"))
-        ),
-        upright=("LAnkle", "RAnkle"),
-    )
-}
+_SHIPPED = tomllib.loads(files(__package__).joinpath("rigs.toml").read_text(encoding="utf-8"))
+RIGS = {name: Rig(**table) for name, table in _SHIPPED.items()}
 
 
 def with_rig(result: Result, rig: str) -> Result:
@@ -116,7 +98,6 @@ def _rest_pose(body: BodyModel, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     The second is (joint, 3).
     """
     skeleton, bind = body.skeleton, body.joint_rest.astype(float)
-    bones = {start: (end, np.array(direction)) for start, end, direction in rig.bones}
     turn, rest = np.tile(np.eye(3), (len(skeleton.joints), 1, 1)), bind.copy()
     for joint, (name, parent) in enumerate(zip(skeleton.joints, skeleton.parent, strict=True)):
         if parent < 0:
@@ -125,10 +106,10 @@ def _rest_pose(body: BodyModel, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
         if name in rig.upright:
             continue
         turn[joint] = turn[parent]
-        if name in bones:
-            end, direction = bones[name]
+        if name in rig.bones:
+            end, direction = rig.bones[name]
             bone = bind[skeleton.index(end)] - bind[joint]
-            turn[joint] = _smallest_rotation(turn[joint] @ bone, direction) @ turn[joint]
+            turn[joint] = _smallest_rotation(turn[joint] @ bone, np.array(direction)) @ turn[joint]
     return turn, rest
 
 

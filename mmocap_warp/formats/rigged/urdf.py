@@ -23,12 +23,9 @@ _STAYS = ("fixed", "floating", "planar")
 def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
     """Read a robot with all joints at zero: a joint for each link that turns or slides, followed by all fixed to it.
 
-    Planar joints stay where they are. Visual geometry is taken, collision geometry where a robot has no other.
-
-    Args:
-        path: the file.
-        meshes: the folder in which its meshes are; the file's own where omitted. ``package://`` and paths are looked
-            up there by their last parts, and no file elsewhere is opened.
+    Planar joints stay where they are. Visual geometry is taken, collision geometry where a robot has no other. Meshes,
+    ``package://`` and paths, are looked up by their last parts in the folder ``meshes``, which is the file's own where
+    omitted, and no file elsewhere is opened.
     """
     path = Path(path)
     folder = Path(meshes) if meshes is not None else path.parent

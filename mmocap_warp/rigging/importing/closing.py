@@ -88,19 +88,12 @@ _SMALLEST_PIECE = 0.03  # smaller pieces, such as eyes and buttons, are left out
 
 
 class ClosedMesh(NamedTuple):
-    """A closed mesh.
+    """A closed mesh."""
 
-    Attributes:
-        added: (n, 3) vertices that the mesh had not.
-        beside: (n,) int, for each of these a vertex that the mesh had, near by: it moves as that one does.
-        face: (face, 3) over the mesh's vertices and then ``added``, counter-clockwise seen from outside.
-        done: what was done; empty where the mesh was closed.
-    """
-
-    added: np.ndarray
-    beside: np.ndarray
-    face: np.ndarray
-    done: str
+    added: np.ndarray  # (n, 3) vertices that the mesh had not
+    beside: np.ndarray  # (n,) int, for each of these a vertex that the mesh had, near by: it moves as that one does
+    face: np.ndarray  # (face, 3) over the mesh's vertices and then ``added``, counter-clockwise seen from outside
+    done: str  # what was done; empty where the mesh was closed
 
 
 def closed(vertex: np.ndarray, face: np.ndarray, most: int = MOST_TRIANGLES, cells: int = CELLS) -> ClosedMesh:
@@ -239,13 +232,8 @@ def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int, why: str) -> Close
     """A closed surface around triangles: it is laid a little outside of them, then drawn back to them.
 
     Gaps of less than a few cells are closed, and hollows that cannot be reached from outside are filled. Single sheets
-    get two sides.
-
-    Args:
-        vertex: (vertex, 3).
-        face: (face, 3), in any order and sense.
-        cells: of the grid, along the longest side.
-        why: the mesh is wrapped, as the user is told.
+    get two sides. The triangles (face, 3) of vertices (vertex, 3) may be in any order and sense; the grid has ``cells``
+    along its longest side. ``why`` the mesh is wrapped is told the user.
     """
     from scipy.spatial import cKDTree
 

@@ -26,22 +26,15 @@ _TRAVEL = 0.02  # a joint that slides by less is not searched, as a share of the
 
 @dataclass(frozen=True)
 class Freedom:
-    """How a joint moves.
+    """How a joint moves."""
 
-    Attributes:
-        frame: (3, 3), columns are its axes in the body's: a hinge turns about x, a slider slides along x; y runs along
-            a bone else.
-        free: axes that are searched, such as ``xyz``, ``x`` or none.
-        limits: (3, 2), lowest and highest angle about each axis [rad], or shift along it [m].
-        origin: where this is from: ``file``, ``derived`` or ``given``.
-        slides: whether it slides along its axes instead of turning about them.
-    """
-
+    # (3, 3), columns are its axes in the body's: a hinge turns about x, a slider slides along x; y runs along a bone
+    # else.
     frame: np.ndarray
-    free: str
-    limits: np.ndarray
-    origin: str
-    slides: bool = False
+    free: str  # axes that are searched, such as ``xyz``, ``x`` or none
+    limits: np.ndarray  # (3, 2), lowest and highest angle about each axis [rad], or shift along it [m]
+    origin: str  # where this is from: ``file``, ``derived`` or ``given``
+    slides: bool = False  # whether it slides along its axes instead of turning about them
 
 
 def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:

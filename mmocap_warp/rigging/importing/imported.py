@@ -47,19 +47,12 @@ _LEAST_SKIN = 4  # number of triangles that a closed mesh has at least
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """A body that was made of a file.
-
-    Attributes:
-        body: the body.
-        freedom: of its joints, in their order.
-        motions: its animations by name.
-        notes: what was done or left out, a line each.
-    """
+    """A body that was made of a file."""
 
     body: BodyModel
-    freedom: list[Freedom]
-    motions: dict[str, BodyMotion]
-    notes: tuple[str, ...]
+    freedom: list[Freedom]  # of its joints, in their order
+    motions: dict[str, BodyMotion]  # its animations by name
+    notes: tuple[str, ...]  # what was done or left out, a line each
 
 
 def imported(
@@ -231,12 +224,8 @@ def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tupl
     """Poses of a body whose joints turn and slide as a file's do, and how far joints are from the file's at most [m].
 
     All three coordinates of every joint are taken, whether they are searched or not. Bones keep their lengths but for
-    joints that slide; a file's may change.
-
-    Args:
-        body: the body.
-        bind: (joint, 4, 4), the body's space from the file's joints in the bind pose.
-        motion: in the body's axes and metres.
+    joints that slide; a file's may change. The motion is in the body's axes and metres, and ``bind`` (joint, 4, 4) is
+    the body's space from the file's joints in the bind pose.
     """
     skeleton = body.skeleton
     frame, rest = skeleton.frame.astype(np.float64), body.joint_rest.astype(np.float64)
@@ -283,10 +272,7 @@ def body_from_file(up: str, facing: str) -> np.ndarray:
 def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> RiggedMesh:
     """The mesh in metres times ``scale``, +Y up and facing +Z; bind transforms and motions lose their own scale.
 
-    Args:
-        mesh: as the file has it.
-        up, facing: the file's axes, instead of its format's.
-        scale: what lengths are multiplied by, besides the file's unit.
+    The file's axes ``up`` and ``facing`` count instead of its format's.
 
     Raises:
         ValueError: axes that cannot be, or a scale that is not positive.

@@ -205,12 +205,8 @@ def mirrored_pairs(joints: tuple[str, ...], parent: tuple[int, ...], place: np.n
     """Joints that mirror each other across the plane of symmetry, the left one (at +X) first.
 
     They lie mirrored, hang on the same joint or on joints that mirror each other, and their names differ in the side
-    and a number alone.
-
-    Args:
-        joints: names.
-        parent: (joint,) number of each joint's parent.
-        place: (joint, 3) joint centres in the body's axes [m].
+    and a number alone. Of each joint there are the name, the number of its parent, and its centre (3,) in the body's
+    axes [m].
     """
     middle, near = place[0, 0], _MIRRORED * float(np.ptp(place, axis=0).max())
     image = place * (-1, 1, 1) + (2 * middle, 0, 0)

@@ -28,40 +28,24 @@ _FREE = ("", "x", "y", "z", "xy", "xz", "yz", "xyz")
 
 @dataclass(frozen=True, eq=False)
 class GivenJoint:
-    """What a joints file says of a joint; None where it says nothing.
+    """What a joints file says of a joint; None where it says nothing."""
 
-    Attributes:
-        free: axes that are searched.
-        hinge: (3,) the axis x, in the body's axes.
-        limits: (axis, (lowest, highest)) [degrees; m of what slides].
-        parent: the joint that it hangs on.
-        slides: whether it slides instead of turning.
-    """
-
-    free: str | None
-    hinge: np.ndarray | None
-    limits: dict[str, tuple[float, float]]
-    parent: str | None
-    slides: bool | None
+    free: str | None  # axes that are searched
+    hinge: np.ndarray | None  # (3,) the axis x, in the body's axes
+    limits: dict[str, tuple[float, float]]  # (axis, (lowest, highest)) [degrees; m of what slides]
+    parent: str | None  # the joint that it hangs on
+    slides: bool | None  # whether it slides instead of turning
 
 
 @dataclass(frozen=True, eq=False)
 class GivenJoints:
-    """A joints file.
+    """A joints file."""
 
-    Attributes:
-        source: the file, for errors.
-        fixed_root: whether the root stands still; None where the file is silent.
-        rigid: whether the body's shape is known; None where the file is silent.
-        stands: whether the body's +Y points up; None where the file is silent.
-        joints: by name.
-    """
-
-    source: str
-    fixed_root: bool | None = None
-    rigid: bool | None = None
-    stands: bool | None = None
-    joints: dict[str, GivenJoint] = field(default_factory=dict)
+    source: str  # the file, for errors
+    fixed_root: bool | None = None  # whether the root stands still; None where the file is silent
+    rigid: bool | None = None  # whether the body's shape is known; None where the file is silent
+    stands: bool | None = None  # whether the body's +Y points up; None where the file is silent
+    joints: dict[str, GivenJoint] = field(default_factory=dict)  # by name
 
     @property
     def parents(self) -> dict[str, str]:

@@ -60,14 +60,7 @@ _FIELD_MARGIN = 3.0  # margin of a field in smoothing lengths, so that its edges
 
 
 def spoil(mask: np.ndarray, shadow: np.ndarray, faults: Faults, rng: np.random.Generator) -> np.ndarray:
-    """A mask as a real segmentation might have left it.
-
-    Args:
-        mask: (height, width) bool, perfect.
-        shadow: (height, width) bool, taken for foreground.
-        faults: how bad it is.
-        rng: where chance comes from.
-    """
+    """A perfect mask (height, width) as a real segmentation might have left it, which takes the shadow for the body."""
     depth = distance_inside(mask, 5)
     shift = faults.grow + faults.ragged * _smooth_field(mask.shape, faults.smooth, rng)
     spoilt = ((depth + shift > 0) | shadow).astype(np.uint8)
@@ -98,12 +91,9 @@ _SHIFT = 6  # binary digits after the point of OpenCV's polygon corners
 
 
 def draw_silhouettes(rig: CameraRig, vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
-    """Per camera (height, width) bool: pixels of which the mesh covers more than half.
+    """Per camera (height, width) bool, lens and all: pixels of which the mesh covers more than half.
 
-    Args:
-        rig: the cameras, with their distortion.
-        vertices: (vertex, 3), posed, in the world [m]; all in front of every camera.
-        faces: (face, 3) or (face, 4), convex.
+    Its vertices (vertex, 3) [m] are in the world, all in front of every camera; its faces (face, corner) are convex.
 
     Raises:
         ValueError: a vertex behind a camera.
@@ -135,11 +125,9 @@ _SUBPIXEL = 4  # binary digits of OpenCV's ellipses
 
 
 def distance_inside(mask: np.ndarray, reach: int) -> np.ndarray:
-    """(height, width) float32, how far inside the contour each pixel's centre is [px]; outside is negative.
+    """(height, width) float32, how far inside the contour of a mask each pixel's centre is [px]; outside is negative.
 
-    Args:
-        mask: (height, width) bool.
-        reach: 3 or 5, width of the neighbourhood that OpenCV looks at: quicker or nearer to the truth.
+    OpenCV looks at a neighbourhood as wide as ``reach``, 3 or 5: quicker or nearer to the truth.
     """
     seen = mask.view(np.uint8)
     inside, outside = (cv2.distanceTransform(side, cv2.DIST_L2, reach) for side in (seen, 1 - seen))

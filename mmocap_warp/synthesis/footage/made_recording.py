@@ -54,11 +54,7 @@ class Recording:
         return Observation.from_masks(self.masks(frame))
 
     def truth(self, more_joints: Mapping[str, int] | None = None) -> Truth:
-        """Markers, joints and poses of every frame, exactly.
-
-        Args:
-            more_joints: vertices of the full mesh that count as joints, by name.
-        """
+        """Markers, joints and poses of every frame, exactly; vertices in ``more_joints`` count as joints, by name."""
         named = more_joints or {}
         points = np.array([*self.body.marker_vertex, *named.values()], int)
         skin = np.stack([self.vertices(frame)[points] for frame in range(len(self))]).astype(float)

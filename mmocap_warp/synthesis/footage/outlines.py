@@ -40,12 +40,7 @@ class Surface:
         return cls(face, edge[once], owner[once], twin[once])
 
     def facing(self, vertices: np.ndarray, viewers: np.ndarray) -> np.ndarray:
-        """(viewer, face) bool: whether a face is seen from outside.
-
-        Args:
-            vertices: (vertex, 3).
-            viewers: (viewer, 3), points to see it from.
-        """
+        """(viewer, face) bool: whether a face of vertices (vertex, 3) is seen from outside, by viewers (viewer, 3)."""
         corner = vertices[self.face]
         normal = np.cross(corner[:, -2] - corner[:, 0], corner[:, -1] - corner[:, 1])
         plane = np.concatenate([normal, -(normal * corner[:, 0]).sum(axis=1, keepdims=True)], axis=1)
@@ -62,10 +57,7 @@ class Surface:
 def draw_outlines(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:
     """Per camera (height, width) bool: pixels whose centre the surface covers, where it faces the camera.
 
-    Args:
-        rig: the cameras, without distortion.
-        vertices: (vertex, 3), posed, in the world [m].
-        surface: of the mesh.
+    The cameras have no distortion. The surface's vertices (vertex, 3) are posed, in the world [m].
     """
     masks = []
     for k, facing in enumerate(surface.facing(vertices, rig.centres)):
@@ -85,12 +77,7 @@ def on_image(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:
 def fill(start: np.ndarray, end: np.ndarray, sign: np.ndarray, width: int, height: int) -> np.ndarray:
     """(height, width) bool: pixels whose centre the directed edges wind around.
 
-    Args:
-        start: (edge, 2), where edges begin [px].
-        end: (edge, 2), where they end [px].
-        sign: (edge,), how often each counts.
-        width: of the image [px].
-        height: of the image [px].
+    An edge leads from ``start`` to ``end`` (edge, 2) [px] and counts as often as ``sign`` (edge,) says.
     """
     mask = np.zeros((height, width), bool)
     above = start[:, 1] < end[:, 1]

@@ -123,14 +123,9 @@ _SPECK_RADIUS = (1.0, 4.0)
 def segment(
     mask: np.ndarray, shadow: np.ndarray, patches: list[Ellipse], contrast: Contrast, rng: np.random.Generator
 ) -> np.ndarray:
-    """A silhouette as a real segmentation might have left it: (height, width) bool.
+    """A silhouette, (height, width) bool, as a real segmentation might have left it.
 
-    Args:
-        mask: (height, width) bool, the silhouette.
-        shadow: (height, width) bool, of the body on the floor.
-        patches: of the body that look like the background.
-        contrast: how bad it is.
-        rng: where chance comes from.
+    Some of the body's shadow on the floor, likewise, is taken for it, and its ``patches`` look like the background.
     """
     spoilt = np.zeros_like(mask)
     box = _surroundings(mask)

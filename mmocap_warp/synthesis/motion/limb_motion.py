@@ -60,10 +60,8 @@ class Leg:
     def angles(self, hip: np.ndarray, ankle: np.ndarray, pelvis: np.ndarray, sideways: np.ndarray) -> np.ndarray:
         """The hip's Rx, Ry, Rz and the knee's Rx that bring the ankle to its place: (frame, 4) [rad].
 
-        Args:
-            hip, ankle: (frame, 3), in the world [m].
-            pelvis: (frame, 3, 3), world from the root joint's axes.
-            sideways: (frame, 3), where the knee's hinge points, as nearly as the leg allows.
+        Hip and ankle are (frame, 3) in the world [m], ``pelvis`` (frame, 3, 3) is the world from the root joint's axes,
+        and ``sideways`` (frame, 3) is where the knee's hinge points, as nearly as the leg allows.
 
         Raises:
             ValueError: an ankle out of reach.
@@ -244,7 +242,4 @@ class Posture:
         self.poses[:, self._body.skeleton.angles(joint)] = angles
 
     def _axes(self, joint: str) -> np.ndarray:
-        return self._transforms(joint)[:, :3, :3]
-
-    def _transforms(self, joint: str) -> np.ndarray:
-        return self._poser.joint_transforms(self.poses)[:, self._body.skeleton.index(joint)]
+        return self._poser.joint_transforms(self.poses)[:, self._body.skeleton.index(joint), :3, :3]

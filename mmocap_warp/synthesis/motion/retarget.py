@@ -40,10 +40,7 @@ _HALF_STRAIGHT = np.radians(3.0)  # knees stay bent by at least this
 def read_clip(path: str | Path, skeleton: str | Path | None = None, markers: str | Path | None = None) -> MotionClip:
     """Read a ``.bvh``, or an ``.amc`` with its ``.asf`` and the ``.c3d`` of the same take.
 
-    Args:
-        path: the motion.
-        skeleton: see :func:`mmocap_warp.formats.motion.amc.read_amc`.
-        markers: see :func:`mmocap_warp.formats.motion.amc.with_markers`.
+    The skeleton and the markers are as of :func:`~mmocap_warp.formats.motion.amc.read_amc` and ``with_markers`` there.
 
     Raises:
         InputError: another ending, or a file that is missing or wrong.
@@ -69,16 +66,10 @@ class Retargeted:
 
 
 def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) -> Retargeted:
-    """The clip's movement on a body.
+    """The clip's movement on a body, at so many frames per second; errors name the clip's ``source``.
 
     The part about the clip's middle frame is kept that stays within 1.3 m of where the body is then, and moved to the
     origin, where the study's cameras see it.
-
-    Args:
-        clip: the motion.
-        body: who moves so.
-        fps: frames per second to give.
-        source: of the clip, for errors.
 
     Raises:
         InputError: a skeleton whose joints are not known by any of their usual names, or that does not rest upright.

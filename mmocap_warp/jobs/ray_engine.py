@@ -14,10 +14,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.engines.engine import Death, EngineLost, Event, Notice, Ready
-from mmocap_warp.study.job import LESS_MEMORY, Job, Worker
+from mmocap_warp.jobs.engine import (
+    LESS_MEMORY,
+    Death,
+    Engine,
+    EngineLost,
+    MakeWorker,
+    Notice,
+    Ready,
+    Seat,
+    one_line,
+)  # fmt: skip
 
-_STARTS = 3  # tries to start a worker; when each dies before it is ready, its place is given up
 _PROBE = 2.0  # how long the cluster's head may take to answer [s]
 _SECONDS_BETWEEN_PROBES = 5.0  # while no worker answers
 _PATIENCE = 60.0  # how long to wait while the cluster has no machine for a worker [s]
@@ -40,8 +48,7 @@ class Shares:
 def join_cluster(address: str) -> str:
     """Connect this process to a running Ray cluster; returns the address of its head.
 
-    Args:
-        address: host and port of the head, or ``auto``: what ``RAY_ADDRESS`` says, or the cluster of this machine.
+    ``auto`` is what ``RAY_ADDRESS`` says, or the cluster of this machine.
 
     Raises:
         InputError: Ray is not installed, or there is no such cluster.
@@ -62,11 +69,9 @@ def join_cluster(address: str) -> str:
 
 
 def share_cluster(workers: int | None, gpus: float) -> Shares:
-    """How the cluster that this process has joined is shared out.
+    """How the cluster that this process has joined is shared out among workers that get so many ``gpus`` each.
 
-    Args:
-        workers: how many; None for one per ``gpus`` GPUs, or one per machine where there are no GPUs.
-        gpus: of each worker; 0 for none.
+    By default there is one worker for these, or one per machine where there are no GPUs.
 
     Raises:
         ValueError: numbers that make no sense, or more than the cluster has.
@@ -80,7 +85,9 @@ def share_cluster(workers: int | None, gpus: float) -> Shares:
     there = ray.cluster_resources()
     machines = [node["Resources"] for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU")]
     if gpus and there.get("GPU"):
-        places = sum(_places(machine.get("GPU", 0.0), gpus) for machine in machines)
+        # None is spread over two GPUs unless it gets whole ones.
+        here = (machine.get("GPU", 0.0) for machine in machines)
+        places = sum(int(each // gpus) if gpus >= 1 else int(each) * int(1 / gpus + 1e-9) for each in here)
         if (workers or 1) > places:
             raise ValueError(f"gpus must leave room for {workers or 1} workers, {gpus:g} each leave room for {places}")
         return Shares(workers or places, gpus, cpus=1)
@@ -94,17 +101,12 @@ def share_cluster(workers: int | None, gpus: float) -> Shares:
     return Shares(count, 0.0, cpus)
 
 
-def _places(gpus: float, share: float) -> int:
-    """Workers that a machine's GPUs have room for; none is spread over two GPUs unless it gets whole ones."""
-    return int(gpus // share) if share >= 1 else int(gpus) * int(1 / share + 1e-9)
-
-
 class _Actor:
     """A worker on some machine of the cluster."""
 
-    def __init__(self, shares: Shares) -> None:
+    def __init__(self, make: MakeWorker, shares: Shares) -> None:
         device = "cuda:0" if shares.gpus else "cpu"  # Ray shows a worker no GPU but its own
-        self._worker = Worker(device, threads=shares.cpus)
+        self._worker = make(device, shares.cpus)
 
     def name(self) -> str:
         """The machine and the device."""
@@ -113,107 +115,88 @@ class _Actor:
         gpus = ",".join(map(str, ray.get_gpu_ids()))
         return f"{socket.gethostname()} {f'cuda:{gpus}' if gpus else self._worker.device}"
 
-    def work(self, job: Job) -> Iterator[Event]:
-        """See :class:`mmocap_warp.study.job.Worker`."""
+    def work(self, job: Any) -> Iterator[Any]:
+        """See :class:`~mmocap_warp.jobs.engine.Worker`."""
         yield from self._worker.work(job)
 
 
-@dataclass
-class _Seat:
-    """A worker's place: its actor, and what it was asked last, if that is not answered yet."""
-
-    actor: Any
-    asked: Any
-    ready: bool = False
-    failed_starts: int = 0
-
-
-class RayEngine:
+class RayEngine(Engine):
     """Workers on a Ray cluster that this process has joined.
 
     Args:
+        make: makes the worker of an actor.
         head: address of the cluster's head.
         shares: how many workers, and what each gets.
     """
 
-    def __init__(self, head: str, shares: Shares) -> None:
+    def __init__(self, make: MakeWorker, head: str, shares: Shares) -> None:
         import ray
 
-        self._head, self._shares = head, shares
+        self._make, self._head, self._shares = make, head, shares
         self._actor: Any = ray.remote(num_gpus=shares.gpus, num_cpus=shares.cpus)(_Actor)
         self._heard = time.monotonic()
         self._deserted: float | None = None  # since when no machine is left
-        self._seats = {worker: self._start() for worker in range(shares.workers)}
+        super().__init__([None] * shares.workers)
 
-    def submit(self, worker: int, job: Job) -> None:
-        """See :class:`~mmocap_warp.study.engines.engine.Engine`."""
+    def submit(self, worker: int, job: Any) -> None:
+        """See :class:`~mmocap_warp.jobs.engine.Engine`."""
         seat = self._seats[worker]
-        seat.asked = seat.actor.work.options(num_returns="streaming").remote(job)
+        seat.line = seat.worker.work.options(num_returns="streaming").remote(job)
 
-    def events(self, seconds: float) -> list[tuple[int, Event]]:
-        """See :class:`~mmocap_warp.study.engines.engine.Engine`."""
+    def events(self, seconds: float) -> list[tuple[int, Any]]:
+        """See :class:`~mmocap_warp.jobs.engine.Engine`."""
         import ray
 
         if not self._seats:
             raise EngineLost("every worker of the Ray cluster died while starting")
-        asked = {seat.asked: worker for worker, seat in self._seats.items() if seat.asked is not None}
+        asked = {seat.line: worker for worker, seat in self._seats.items() if seat.line is not None}
         answered, _ = ray.wait(list(asked), num_returns=1, timeout=seconds) if asked else ([], [])
-        happened: list[tuple[int, Event]] = []
         if answered:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > _SECONDS_BETWEEN_PROBES:
             self._check_head()
-            happened += [(min(self._seats), notice) for notice in self._check_machines()]
-        for answer in answered:
-            event = self._hear(asked[answer])
-            if event is not None:
-                happened.append((asked[answer], event))
-        return happened
+            return [(min(self._seats), notice) for notice in self._check_machines()]
+        heard = [(asked[answer], self._hear(asked[answer])) for answer in answered]
+        return [(worker, event) for worker, event in heard if event is not None]
 
     def close(self) -> None:
-        """See :class:`~mmocap_warp.study.engines.engine.Engine`."""
+        """See :class:`~mmocap_warp.jobs.engine.Engine`."""
         import ray
 
         for seat in self._seats.values():
-            with suppress(ray.exceptions.RayError):
-                ray.kill(seat.actor)
+            self._end(seat)
         self._seats = {}
         ray.shutdown()
 
-    def _start(self) -> _Seat:
-        actor = self._actor.remote(self._shares)
-        return _Seat(actor, actor.name.remote())
+    def _start(self, place: None) -> Seat:
+        """Ask the cluster for a worker, on whatever machine has room."""
+        actor = self._actor.remote(self._make, self._shares)
+        return Seat(place, actor, actor.name.remote())
 
-    def _hear(self, worker: int) -> Event | None:
+    def _end(self, seat: Seat) -> None:
+        import ray
+
+        with suppress(ray.exceptions.RayError):
+            ray.kill(seat.worker)
+
+    def _hear(self, worker: int) -> Any | None:
         """What a worker answers; None at the end of its job."""
         import ray
 
         seat = self._seats[worker]
         try:
-            if not seat.ready:
-                name = ray.get(seat.asked)
-                seat.ready, seat.asked = True, None
-                return Ready(name)
-            return ray.get(next(seat.asked))
+            if seat.ready:
+                return ray.get(next(seat.line))
+            name = ray.get(seat.line)
+            seat.ready, seat.line = True, None
+            return Ready(name)
         except StopIteration:
-            seat.asked = None
+            seat.line = None
             return None
         except ray.exceptions.RayError as error:
             self._check_head()
             self._replace(worker)
             return _how_it_ended(error)
-
-    def _replace(self, worker: int) -> None:
-        """Ask the cluster for another worker in the place of one that died, on whatever machine has room."""
-        import ray
-
-        seat = self._seats.pop(worker)
-        with suppress(ray.exceptions.RayError):
-            ray.kill(seat.actor)
-        failed_starts = 0 if seat.ready else seat.failed_starts + 1
-        if failed_starts < _STARTS:
-            self._seats[worker] = self._start()
-            self._seats[worker].failed_starts = failed_starts
 
     def _check_head(self) -> None:
         """Ray itself waits for a head that is gone, and then ends this process without a word."""
@@ -228,7 +211,9 @@ class RayEngine:
         import ray
 
         now = time.monotonic()
-        if any(node["Alive"] and _fits(self._shares, node["Resources"]) for node in ray.nodes()):
+        needed = {"CPU": self._shares.cpus, "GPU": self._shares.gpus}
+        there = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+        if any(all(machine.get(kind, 0.0) >= count for kind, count in needed.items()) for machine in there):
             self._deserted = None
         elif self._deserted is None:
             self._deserted = now
@@ -238,11 +223,6 @@ class RayEngine:
             problem = f"the Ray cluster at {self._head} has had no machine that a worker fits on for {_PATIENCE:.0f} s"
             raise EngineLost(problem)
         return []
-
-
-def _fits(shares: Shares, resources: dict[str, float]) -> bool:
-    """Whether a machine is large enough for a worker."""
-    return resources.get("CPU", 0.0) >= shares.cpus and resources.get("GPU", 0.0) >= shares.gpus
 
 
 def _knock(address: str) -> None:
@@ -258,6 +238,6 @@ def _how_it_ended(error: Exception) -> Death:
     import ray
 
     if isinstance(error, ray.exceptions.RayTaskError):
-        return Death(" ".join(f"{type(error.cause).__name__}: {error.cause}".split()))
+        return Death(one_line(error.cause))
     text = re.split(r"\.? (?:class_name|actor_id|The task may)|\. ", " ".join(str(error).split()), maxsplit=1)[0]
     return Death(text, LESS_MEMORY if isinstance(error, ray.exceptions.OutOfMemoryError) else "")

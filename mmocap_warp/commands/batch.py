@@ -1,0 +1,363 @@
+"""Many recordings, each through the same steps: ``mmocap batch``."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from fnmatch import fnmatch
+from html import escape
+from itertools import cycle, islice
+from os.path import commonpath
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import cv2
+
+from mmocap_warp.commands import evaluate, mask, show, track
+from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
+from mmocap_warp.commands.engines import engine_of
+from mmocap_warp.commands.outputs import lock, releases_locks
+from mmocap_warp.device.cores import available_threads
+from mmocap_warp.device.resolve import resolve_device
+from mmocap_warp.display.page.viewer import filled, resource
+from mmocap_warp.display.result_video import overlay
+from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.fitting.fit_config import FitConfig
+from mmocap_warp.formats.table import EXPORT_SUFFIXES
+from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.formats.usd.usd_body import write_body
+from mmocap_warp.formats.usd.usd_result import read_result
+from mmocap_warp.jobs.engine import Advance, Refusal
+from mmocap_warp.jobs.job_run import Status, Task, run_jobs
+from mmocap_warp.jobs.local_engine import local_devices
+from mmocap_warp.result.result import Result
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.study.source import file_hash, recording_facts
+from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.version import __version__
+from mmocap_warp.whole_file import file_name, read_text, write_whole
+
+STEPS = ("mask", "fit", "track", "eval", "view")
+"""The steps, in their order; before view there may be ``export:ENDING``."""
+
+_FITTED = 3  # trials of a person that are fitted; the one whose masks its fit explains best gives the body
+_SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
+    kind: {each.name for each in fields(config)} - {"device", "threads"}
+    for kind, config in (("fit", FitConfig), ("track", TrackConfig))
+}
+_COLUMNS = {"frames": "", "mean_iou": ".3f", "worst_iou": ".3f", "trusted": ".0%", "mpjpe_mm": ".1f"}
+_COLUMNS |= {"marker_error_mm": ".1f"}  # of the page, with their formats
+_FIGURES = [name for name in _COLUMNS if name not in ("frames", "trusted")]  # of an evaluation
+_THUMBNAIL = 320  # longer side [px]
+
+Settings = dict[str, dict[str, Any]]
+"""Of the commands ``mask``, ``fit`` and ``track``."""
+
+Rule = tuple[str, str | None, Settings]
+"""A pattern of names, the person whose recordings these are, and settings."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A recording to be done, a worker's job; or a person to be fitted, once for all recordings of that person."""
+
+    name: str  # the recording's or the person's
+    scenes: tuple[Path, ...]  # the scene's file; of a person, those of some recordings
+    folder: Path  # what is written goes there, and nothing else may lie there
+    key: str  # a hash of all that this depends on
+    settings: Settings
+    steps: tuple[str, ...] = ()  # none where a person is fitted
+    body: Path | None = None  # file of the person's body, where the settings name the person
+
+
+class TrialTask(Task):
+    """A recording to be done, or a person to be fitted."""
+
+    noun = "scene"
+
+    def check(self) -> dict[str, Any]:
+        """What was done; an InputError if that is damaged."""
+        try:
+            return dict(json.loads(read_text(self.path, "run the batch again")))
+        except ValueError as error:
+            raise InputError(self.path, f"is damaged ({error})", "run the batch again") from None
+
+    def store(self, result: dict[str, Any]) -> None:
+        """See :class:`~mmocap_warp.jobs.job_run.Task`."""
+        write_whole(self.path, json.dumps(result, indent=1, allow_nan=False).encode())
+
+
+class _Notes(list[str], Reporter):
+    """Keeps what is wrong."""
+
+    def warn(self, line: str) -> None:
+        self.append(line)
+
+
+class TrialWorker:
+    """Takes one recording after the other through its steps; see :class:`~mmocap_warp.jobs.engine.Worker`."""
+
+    def __init__(self, device: str, threads: int | None = None) -> None:
+        self.device = resolve_device(device)
+        self._where: dict[str, Any] = {"device": self.device, "threads": threads}
+
+    def work(self, job: Trial) -> Iterator[Advance | Refusal | dict[str, Any]]:
+        """Do the steps: tells of each, and last what they gave, or why they could not be done."""
+        try:
+            mark = job.folder / f"begun.{job.key}"
+            if not mark.exists():
+                if job.folder.exists() and any(job.folder.iterdir()) and not list(job.folder.glob("begun.*")):
+                    raise InputError(job.folder, "holds files that no batch has written", "name another output folder")
+                shutil.rmtree(job.folder, ignore_errors=True)  # of a scene that was another then
+                job.folder.mkdir(parents=True)
+                mark.touch()
+            yield from self._done(job) if job.steps else self._fitted(job)
+        except (InputError, UsageError) as error:
+            yield Refusal(" ".join(str(error).split()))
+
+    def _fitted(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
+        """Write the body of a person: that of the recording whose masks a fit explains best."""
+        fits = []
+        for number, scene in enumerate(job.scenes):
+            yield Advance("fit", number, len(job.scenes), 0)
+            fits.append(track.fit(scene, **self._where | job.settings["fit"]))
+        costs = [float(subject.provenance["fit.cost"]) for subject in fits]
+        best = costs.index(min(costs))
+        write_body(job.folder / "body.usdc", fits[best].body)
+        yield {"name": job.name, "scene": str(job.scenes[best])}
+
+    def _done(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
+        notes, started, settings = _Notes(), time.perf_counter(), job.settings
+        (scene,), result, subject = job.scenes, job.folder / "result.usdc", None
+        record: dict[str, Any] = {"name": job.name, "scene": str(scene), "notes": notes}
+        for number, step in enumerate(job.steps):
+            yield Advance(step, number, len(job.steps), 0)
+            if step == "mask" and load_scene(scene).foreground.source != "masks":
+                scene = mask.mask(scene, job.folder / "masks", force=True, reporter=notes, **settings["mask"]).scene
+            elif step == "fit" and (job.body or load_scene(scene).subject is None):
+                subject, given = job.folder / "subject.usdc", self._where | settings["fit"]
+                if not subject.exists():
+                    given |= {"rigid": True} if job.body else {}
+                    track.fit(scene, job.body, output=subject, reporter=notes, **given)
+            elif step == "track":
+                given = self._where | settings["track"]
+                tracked = track.track(scene, subject, output=result, resume=True, reporter=notes, **given)
+                record["frames"] = len(tracked.frame_numbers)
+            elif step == "eval":
+                report = evaluate.evaluate(result, scene=scene, reporter=notes)
+                judged = report["verdict"]
+                write_whole(job.folder / "evaluation.json", json.dumps(report | {"series": None}, indent=1).encode())
+                record |= {name: report[name] for name in _FIGURES if report.get(name) is not None}
+                record["trusted"] = judged["trusted"] / max(judged["frames"], 1)
+            elif step.startswith("export:"):
+                show.export(result, result.with_suffix(f".{step[7:]}"), force=True)
+            elif step == "view":
+                show.view(result, scene, output=job.folder / "view.html", force=True, name=job.name, reporter=notes)
+                record["thumbnail"] = _thumbnail(read_result(result), load_scene(scene))
+        yield record | {"seconds": time.perf_counter() - started}
+
+
+def _thumbnail(result: Result, scene: Scene) -> str:
+    """The body over what the first camera saw in the middle, as a small JPEG picture in base64."""
+    picture = overlay(result, scene, len(result.frame_numbers) // 2)[..., ::-1]
+    share = _THUMBNAIL / max(picture.shape[:2])
+    small = cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+    return base64.b64encode(cv2.imencode(".jpg", small)[1].tobytes()).decode()
+
+
+@dataclass(frozen=True)
+class BatchRun:
+    """Where a batch stands after a run."""
+
+    page: Path  # the HTML page, a row for each recording
+    status: Status  # of the recordings: how many are done, and how fast
+    # what is known of every recording that is done: its ``name``, ``scene``, ``frames``, ``seconds``, and the figures
+    # of its evaluation
+    trials: list[dict[str, Any]]
+    failures: dict[str, str]  # recordings that are not done, by name, and why
+
+
+@releases_locks
+def batch(
+    scenes: str | Path | Sequence[str | Path],
+    output: str | Path,
+    *,
+    steps: str = "mask,fit,track,eval,export:glb,view",
+    plan: str | Path | None = None,
+    engine: str = "local",
+    device: str = "auto",
+    threads: int | None = None,
+    address: str = "auto",
+    workers: int | None = None,
+    gpus: float = 1.0,
+    minutes: float | None = None,
+    show: Callable[[Status], None] | None = None,
+    reporter: Reporter | None = None,
+) -> BatchRun:
+    """Take any number of recordings through the same steps, and write one page of all.
+
+    Args:
+        scenes: a folder, of which every scene.toml below it counts, or a text file with a scene in each line. From
+            Python also a list of scenes.
+        output: the folder of all that is written, made if it does not exist: a folder for each scene, and index.html.
+        steps: joined by commas: mask, fit, track, eval, export: with an ending, and view. Masks are made where a scene
+            has none, and a subject is fitted where none is known.
+        plan: a TOML file of settings for all scenes, for those that match a pattern, and for persons.
+        engine: local: the devices of this machine; ray: a Ray cluster that is running, whose machines see these files.
+        device: local: auto (all CUDA devices, or the CPU), cpu, or a list such as cuda:0,cuda:2.
+        threads: local: CPU threads of each worker. [default: all, shared out]
+        address: ray: of the cluster; auto finds the one that this machine belongs to.
+        workers: how many scenes at a time. [default: one on each device, or on each machine of a cluster]
+        gpus: ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
+        minutes: of the run, from when its workers are started; the same command goes on.
+        show: called with the status, at least twice a second.
+        reporter: who is told of scenes that are given up.
+
+    Raises:
+        UsageError: arguments that cannot be.
+        InputError: no scenes, settings that are wrong, or a folder that cannot be used.
+    """
+    reporter, folder = reporter or Reporter(), Path(output)
+    chosen, files = _steps(steps), _scene_files(scenes, folder)
+    rules = [] if plan is None else _rules(Path(plan))
+    if workers is not None and workers < 1:
+        raise UsageError(f"--workers must be at least 1, got {workers}")
+    start_warp()
+    if engine == "local" and workers is not None:
+        with arguments_checked():
+            device = ",".join(islice(cycle(local_devices(device)), workers))
+        threads = threads or max(1, available_threads() // workers)
+    kind, start = engine_of(TrialWorker, engine, device, threads, address, workers, gpus)
+    folder.mkdir(parents=True, exist_ok=True)
+    lock(folder)
+    people, trials, failures = _planned(files, folder, chosen, rules, kind)
+    for name, problem in failures.items():
+        reporter.warn(f"{name}: given up: {problem}")
+
+    def run(tasks: list[TrialTask], spent: float = 0.0) -> Status:
+        left = None if minutes is None else max(0.0, 60.0 * minutes - spent)
+        return run_jobs(tasks, start, show or (lambda status: None), reporter.warn, left)
+
+    # Persons first: their recordings start from their bodies.
+    first = run(people) if people else None
+    unfitted = first.failures if first else {}
+    for task in trials:
+        person = task.job.body.parent.name if task.job.body else None
+        if person in unfitted:
+            failures[task.job.name] = f"{person} could not be fitted: {unfitted[person]}"
+    trials = [task for task in trials if task.name not in failures]
+    status = run(trials, first.seconds if first else 0.0)
+    failures |= status.failures
+    done = [task.check() for task in trials if task.name not in failures]
+    page = folder / "index.html"
+    write_whole(page, _page(folder.resolve().name, done, failures).encode())
+    return BatchRun(page, status, done, failures)
+
+
+def _steps(text: str) -> tuple[str, ...]:
+    """The steps in their order."""
+    named = dict.fromkeys(step.strip() for step in text.split(","))
+    named |= {"fit": None} if "track" in named else {}  # as far as it is needed
+    exports = [step for step in named if step.startswith("export:") and f".{step[7:]}" in EXPORT_SUFFIXES]
+    if wrong := [step for step in named if step not in (*STEPS, *exports)]:
+        raise UsageError(f"--steps must be of {', '.join(STEPS)} and export:ENDING, got '{wrong[0]}'")
+    if "track" not in named and named.keys() - {"mask", "fit"}:
+        raise UsageError("--steps needs track: what comes after it shows its result")
+    return tuple(step for step in (*STEPS[:-1], *exports, STEPS[-1]) if step in named)
+
+
+def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dict[str, Path]:
+    """The scenes' files by name: their folders, from where these part."""
+    source = Path(scenes) if isinstance(scenes, str | Path) else Path("scenes")
+    if not isinstance(scenes, str | Path):
+        given = [Path(scene) for scene in scenes]
+    elif source.is_dir():
+        given = [file for file in sorted(source.rglob("scene.toml")) if output.resolve() not in file.resolve().parents]
+    else:
+        lines = map(str.strip, read_text(source, "name a folder, or a file with a scene in each line").splitlines())
+        given = [source.parent / line for line in lines if line and not line.startswith("#")]
+    files = [file if file.suffix == ".toml" else file / "scene.toml" for file in given]
+    if not files:
+        raise InputError(source, "names no scene", "write a scene.toml for each recording, as 'mmocap init' does")
+    folders = [file.resolve().parent for file in files]
+    root = commonpath([folder.parent for folder in folders])
+    named = {folder.relative_to(root).as_posix(): file for folder, file in zip(folders, files, strict=True)}
+    if len(named) < len(files):
+        raise InputError(source, "names two scenes of one folder", "give every scene a folder of its own")
+    return named
+
+
+def _rules(file: Path) -> list[Rule]:
+    """Patterns of names, whose recordings these are, and their settings; later ones win."""
+    table, rules = load_toml(file), []
+    every = [Table(values, str(file), f"scenes {n}") for n, values in enumerate(table.take("scenes", list, []), 1)]
+    for part in (table, *every):
+        pattern, person = ("*", None) if part is table else (part.take("match", str), part.take("person", str, None))
+        parts = {kind: part.take_table(kind) for kind in _SETTINGS}
+        part.finish()
+        if person is not None:
+            file_name(person, f"{file}: person")
+        values = {kind: of.take_rest() for kind, of in parts.items()}
+        for kind, names in _SETTINGS.items():
+            if wrong := sorted(values[kind].keys() - names):
+                raise parts[kind].error(f"{wrong[0]} is not known", f"use one of {', '.join(sorted(names))}")
+        rules.append((pattern, person, values))
+    return rules
+
+
+def _planned(
+    files: dict[str, Path], folder: Path, steps: tuple[str, ...], rules: list[Rule], device_kind: str
+) -> tuple[list[TrialTask], list[TrialTask], dict[str, str]]:
+    """Tasks of persons and of recordings, and why other recordings cannot even be read."""
+    known: dict[str, tuple[str | None, Settings, dict[str, Any]]] = {}
+    failures: dict[str, str] = {}
+    for name, file in files.items():
+        of = [rule for rule in rules if fnmatch(name, rule[0])]
+        person = next((whose for _, whose, _ in reversed(of) if whose), None)
+        settings = {kind: {k: v for _, _, each in of for k, v in each[kind].items()} for kind in _SETTINGS}
+        try:
+            scene = load_scene(file)
+            own = file_hash([each for each in (scene.path, scene.subject) if each is not None])
+            known[name] = person, settings, recording_facts(scene) | {"files": own}
+        except InputError as error:
+            failures[name] = " ".join(str(error).split())
+
+    def task(place: str, name: str, scenes: list[str], settings: Settings, *steps: str, of: Any = None) -> TrialTask:
+        depends = [[known[scene][2] for scene in scenes], settings, steps, of and of.job.key, device_kind, __version__]
+        key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:20]
+        where, body = folder / place / name, of and of.job.folder / "body.usdc"
+        job = Trial(name, tuple(files[scene] for scene in scenes), where, key, settings, steps, body)
+        return TrialTask(job, where / f"done.{key}.json", name)
+
+    people: dict[str | None, TrialTask] = {}
+    trials = []
+    for name, (person, settings, _) in known.items():
+        if person is not None and person not in people:
+            theirs = [other for other, (whose, *_) in known.items() if whose == person]
+            people[person] = task("people", person, theirs[:_FITTED], settings)
+        trials.append(task("trials", name, [name], settings, *steps, of=people.get(person)))
+    return list(people.values()), trials, failures
+
+
+def _page(title: str, done: list[dict[str, Any]], failures: dict[str, str]) -> str:
+    """A row for each recording, those that failed first."""
+    failed = '<tr><td>{}</td><td class="failed" colspan="9">{}</td></tr>'
+    rows = [failed.format(*map(escape, each)) for each in failures.items()]
+    for each in done:
+        name, picture = escape(each["name"]), ""
+        if "thumbnail" in each:
+            picture = f'<img alt="" src="data:image/jpeg;base64,{each["thumbnail"]}"/>'
+            name = f'<a href="trials/{quote(each["name"])}/view.html">{name}</a>'
+        cells = [format(each[key], form) if key in each else "" for key, form in _COLUMNS.items()]
+        cells = [name, picture, *cells, f"{each['seconds']:.0f} s", escape("; ".join(each["notes"]))]
+        rows.append(f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
+    lead = f"{len(done)} recordings are done, {len(failures)} are not. Written by mmocap-warp {__version__}."
+    template, style, script = (resource("mmocap_warp.display.page", f"batch.{kind}") for kind in ("html", "css", "js"))
+    return filled(template, title=title, script=script, style=style, lead=lead, rows="\n".join(rows))

@@ -1,0 +1,240 @@
+"""Many recordings through the same steps: what fails is told, what is done is not done again, however a run ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from recordings import write_recording
+from report_page import Page
+
+import mmocap_warp as mm
+from mmocap_warp.cli import main
+from mmocap_warp.cli.console import FAILURE
+from mmocap_warp.commands import batch as module
+from mmocap_warp.formats.usd.usd_body import read_subject, write_subject
+from mmocap_warp.jobs.engine import Engine, Ready
+
+STEPS = "track,eval,export:glb,view"
+PLAN = """
+[track]
+evaluations = 30
+[[scenes]]
+match = "a/*"
+track = { evaluations = 40, seed = 3 }
+"""
+
+
+class Here(Engine):
+    """Works in this process, which spares the start of another."""
+
+    def __init__(self, make, devices, threads):
+        self._worker, self._waiting = make("cpu", 1), [iter([Ready("cpu")])]
+
+    def submit(self, worker, job):
+        self._waiting.append(self._worker.work(job))
+
+    def events(self, seconds):
+        events = [(0, event) for each in self._waiting for event in each]
+        self._waiting = []
+        return events
+
+    def close(self):
+        pass
+
+    _start = _end = None
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Batches work in this process."""
+    monkeypatch.setattr(module, "engine_of", lambda make, *_: ("cpu", lambda: Here(make, None, None)))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """Three recordings of three frames, and a scene that names no file that is there."""
+    folder = tmp_path_factory.mktemp("made")
+    for name in ("a/one", "a/two", "b"):
+        (folder / name).mkdir(parents=True)
+        write_recording(folder / name, 3)
+    (folder / "broken").mkdir()
+    text = (folder / "b" / "scene.toml").read_text()
+    (folder / "broken" / "scene.toml").write_text(text.replace("calibration.toml", "nowhere.toml"))
+    (folder / "plan.toml").write_text(PLAN)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(made, tmp_path_factory) -> tuple[Path, module.BatchRun]:
+    """All of them, by two processes."""
+    output = tmp_path_factory.mktemp("whole") / "out"
+    with pytest.warns(UserWarning, match="broken: given up: "):
+        done = mm.batch(made, output, steps=STEPS, plan=made / "plan.toml", device="cpu", workers=2)
+    return output, done
+
+
+def finished(output: Path) -> dict[str, int]:
+    return {str(path): path.stat().st_mtime_ns for path in output.rglob("done.*.json")}
+
+
+def test_every_scene_is_done_but_the_broken_one_which_is_told(whole):
+    output, done = whole
+    assert [each["name"] for each in done.trials] == ["a/one", "a/two", "b"]
+    assert list(done.failures) == ["broken"]
+    assert "does not exist" in done.failures["broken"]
+    assert done.status.finished == 3
+    for each in done.trials:
+        assert each["frames"] == 3
+        assert each["mean_iou"] > 0.8
+        assert each["mpjpe_mm"] < 30
+        folder = output / "trials" / each["name"]
+        assert {"result.usdc", "result.glb", "view.html", "evaluation.json"} <= {file.name for file in folder.iterdir()}
+
+
+def test_settings_are_those_of_the_last_pattern_that_matches(whole):
+    output, _ = whole
+    configs = {name: mm.load_result(output / "trials" / name / "result.usdc").config for name in ("a/one", "b")}
+    assert [configs[name][key] for name in configs for key in ("evaluations", "seed")] == [40, 3, 30, 0]
+
+
+def test_the_page_has_a_row_for_each_with_a_link_to_its_view(whole):
+    output, done = whole
+    page = Page(done.page.read_text(encoding="utf-8"))
+    assert [link["href"] for link in page.all("a")] == [f"trials/{each['name']}/view.html" for each in done.trials]
+    assert all((output / link["href"]).exists() for link in page.all("a"))
+    assert len(page.all("img")) == 3
+    assert "does not exist" in page.text
+    assert f"{done.trials[0]['mean_iou']:.3f}" in page.text
+
+
+def test_what_has_not_changed_is_not_done_again(whole, made, here, tmp_path):
+    output = Path(shutil.copytree(whole[0], tmp_path / "out"))
+    before = finished(output)
+    scenes = [made / name for name in ("a/one", "a/two", "b")]
+    same = {"steps": STEPS, "plan": made / "plan.toml"}
+    again = mm.batch(scenes, output, **same)
+    assert (again.status.reused, again.status.finished, again.failures) == (3, 0, {})
+    assert finished(output) == before
+    # Another setting of some, and a damaged record.
+    other = tmp_path / "other.toml"
+    other.write_text(PLAN.replace("evaluations = 30", "evaluations = 31"))
+    (record,) = (output / "trials" / "a" / "one").glob("done.*.json")
+    record.write_bytes(b"{")
+    with pytest.warns(UserWarning, match="is damaged"):
+        changed = mm.batch(scenes, output, **same | {"plan": other})
+    assert (changed.status.reused, changed.status.finished) == (1, 2)
+    assert mm.load_result(output / "trials" / "b" / "result.usdc").config["evaluations"] == 31
+
+
+def test_a_person_is_fitted_once_and_tracked_in_every_recording(made, here, tmp_path, monkeypatch):
+    fits = []
+    subject = read_subject(made / "b" / "subject.usdc")
+
+    def fit(scene, body=None, output=None, **given):
+        fits.append((Path(scene).parent.name, body, given.get("rigid")))
+        if output is not None:
+            write_subject(output, subject)
+        return mm.Subject(subject.body, subject.root_base, subject.pose, {"fit.cost": 0.3 - 0.1 * len(fits)})
+
+    monkeypatch.setattr(module.track, "fit", fit)
+    plan = tmp_path / "plan.toml"
+    plan.write_text('[track]\nevaluations = 30\n[[scenes]]\nmatch = "a/*"\nperson = "Anna"\n')
+    scenes = [made / name for name in ("a/one", "a/two", "b")]
+    done = mm.batch(scenes, tmp_path / "out", steps="track", plan=plan)
+    assert done.failures == {}
+    body = tmp_path / "out" / "people" / "Anna" / "body.usdc"
+    assert fits == [("one", None, None), ("two", None, None), ("one", body, True), ("two", body, True)]
+    record = json.loads(next(body.parent.glob("done.*")).read_text())
+    assert Path(record["scene"]).parent.name == "two"  # the fit of the lower cost
+
+
+def test_killed_it_goes_on_and_ends_with_the_same_files(made, whole, tmp_path):
+    output, reference = tmp_path / "out", whole[0]
+    command = [sys.executable, "-m", "mmocap_warp", "batch", str(made), "-o", str(output), "--steps", STEPS]
+    command += ["--plan", str(made / "plan.toml"), "--device", "cpu", "--threads", "1", "--quiet"]
+    kept: dict[str, int] = {}
+    while len(kept) < 3:
+        running = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+        while len(finished(output)) == len(kept) and running.poll() is None:
+            time.sleep(0.005)
+        if not kept:  # at the beginning of the next one
+            os.killpg(running.pid, signal.SIGKILL)
+        assert running.wait() in (-signal.SIGKILL, FAILURE)
+        assert kept.items() <= finished(output).items()  # no job twice
+        kept = finished(output)
+    for file in reference.rglob("result.glb"):
+        assert (output / file.relative_to(reference)).read_bytes() == file.read_bytes()
+    assert (output / "index.html").exists()
+
+
+def test_the_command_says_what_is_missing(whole, made, here, tmp_path, capsys):
+    output = Path(shutil.copytree(whole[0], tmp_path / "out"))
+    scenes = tmp_path / "scenes.txt"
+    scenes.write_text("\n".join(["# of today", *(f"{made / name}" for name in ("a/one", "a/two", "b", "broken"))]))
+    command = ["batch", str(scenes), "-o", str(output), "--steps", STEPS, "--plan", str(made / "plan.toml")]
+    assert main([*command, "--json"]) == FAILURE
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["finished_before"], answer["finished_now"]) == (3, 0)
+    assert [each["scene"] for each in answer["failed"]] == ["broken"]
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "told"),
+    [
+        ({"steps": "dance"}, mm.UsageError, "steps must be of mask, fit, .* and export:ENDING, got 'dance'"),
+        ({"steps": "mask,view"}, mm.UsageError, "steps needs track"),
+        ({"workers": 0}, mm.UsageError, "workers must be at least 1"),
+        ({"engine": "cloud"}, mm.UsageError, "engine must be local or ray"),
+        ({"scenes": "."}, mm.InputError, "names no scene"),
+        ({"scenes": ["b", "b/scene.toml"]}, mm.InputError, "names two scenes of one folder"),
+        ({"plan": "[track]\ndance = 1"}, mm.InputError, r"\[track\]: dance is not known; use one of"),
+        ({"plan": "[[scenes]]\nperson = 'x'"}, mm.InputError, "'match' is missing"),
+    ],
+)
+def test_wrong_arguments_are_told_before_anything_is_written(given, error, told, made, tmp_path):
+    given = {"scenes": made} | given
+    if "plan" in given:
+        (tmp_path / "plan.toml").write_text(given["plan"])
+        given["plan"] = tmp_path / "plan.toml"
+    if given["scenes"] == ".":
+        (tmp_path / "empty").mkdir()
+        given["scenes"] = tmp_path / "empty"
+    if isinstance(given["scenes"], list):
+        given["scenes"] = [made / name for name in given["scenes"]]
+    with pytest.raises(error, match=told):
+        mm.batch(output=tmp_path / "out", **given)
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_of_others_are_left_alone(made, here, tmp_path):
+    mine = tmp_path / "out" / "trials" / "b" / "mine.txt"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    with pytest.warns(UserWarning, match="holds files that no batch has written"):
+        done = mm.batch([made / "b"], tmp_path / "out", steps="track")
+    assert list(done.failures) == ["b"]
+    assert mine.read_text() == "mine"
+
+
+def test_recordings_of_a_person_who_cannot_be_fitted_fail_and_the_others_go_on(made, here, tmp_path, monkeypatch):
+    def fit(scene, *_, **__):
+        raise mm.InputError(scene, "shows nobody", "look at it")
+
+    monkeypatch.setattr(module.track, "fit", fit)
+    plan = tmp_path / "plan.toml"
+    plan.write_text('[track]\nevaluations = 30\n[[scenes]]\nmatch = "a/*"\nperson = "Anna"\n')
+    with pytest.warns(UserWarning, match="Anna: given up: .*shows nobody"):
+        done = mm.batch([made / name for name in ("a/one", "b")], tmp_path / "out", steps="track", plan=plan)
+    assert [each["name"] for each in done.trials] == ["b"]
+    assert list(done.failures) == ["a/one"]
+    assert done.failures["a/one"].startswith("Anna could not be fitted: ")

@@ -6,12 +6,14 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table
 from mmocap_warp.masks.mask_settings import ForegroundSettings
 from mmocap_warp.scene.recording import CameraSource, Person
 from mmocap_warp.whole_file import file_name
 
 _ROLES = ("person", "thing", "ignore")
+_NOT_GIVEN = "labels are those of given masks; these are made"
 
 
 def with_labels(
@@ -29,20 +31,24 @@ def with_labels(
     if any(len(labels) > 1 for labels in roles["person"]):
         raise table.error("person has several labels", "name several people in tables of their own: [people.<name>]")
     if any(map(any, roles.values())) and foreground.source != "masks":
-        raise table.error("labels are those of given masks; these are made", "leave the table out")
+        raise table.error(_NOT_GIVEN, "leave the table out")
     return tuple(
         replace(source, label=next(iter(person), 0), in_front=tuple(sorted({*thing, *ignored})))
         for source, person, thing, ignored in zip(sources, *roles.values(), strict=True)
     )
 
 
-def read_people(tables: dict[str, Table], sources: tuple[CameraSource, ...], scene: Path) -> dict[str, Person]:
+def read_people(
+    tables: dict[str, Table], sources: tuple[CameraSource, ...], foreground: ForegroundSettings, scene: Path
+) -> dict[str, Person]:
     """The people of tables [people.<name>]; results are named after them.
 
     Raises:
         InputError: labels or files that cannot be, or a label of two people.
     """
     people: dict[str, Person] = {}
+    if tables and foreground.source != "masks":
+        raise InputError(f"{scene}: [people]", _NOT_GIVEN, "leave the tables out")
     for name, table in tables.items():
         file_name(name, f"{scene}: [people]")
         if not table.has("label"):

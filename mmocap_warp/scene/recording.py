@@ -338,7 +338,9 @@ class Scene:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
         source = self.cameras[k]
         if self.foreground.source == "masks":
-            yield from self._labelled(k, scale, frames, (source.label or self.foreground.identity,))
+            own = (source.label or self.foreground.identity,)
+            everybody = tuple(person.labels[k] for person in self.people.values())
+            yield from self._labelled(k, scale, frames, own if self.person or not everybody else everybody)
             return
         if self.foreground.source == "program":
             raise InputError(self.path, "its masks are not made yet", "make them with mmocap mask, and track these")

@@ -22,7 +22,7 @@ from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.kept_masks import MARK_NAME, MaskMark, calibration_hash
 from mmocap_warp.scene.label_tables import read_people, take_body, take_file, with_labels
-from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
+from mmocap_warp.scene.recording import CameraSource, Person, Scene, recorded_frames
 
 _WAYS_TO_MASKS = (
     "add masks, got in one of three ways: mmocap mask SCENE --with mediapipe (or another program, such as rembg or "
@@ -111,7 +111,8 @@ def load_scene(
     elif source == "subtraction" and foreground.source == "recording":
         kinds = (kind for kind in BACKGROUNDS if all(getattr(each, need) for each in sources for need in _IMAGES[kind]))
         foreground = replace(foreground, source=next(kinds, "recording"))
-    _check_sources(sources, rig, foreground, cameras, masks, undistorted_with=calibration is not None)
+    named_people = read_people(people, sources, foreground, path)
+    _check_sources(sources, rig, foreground, cameras, named_people, masks, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
         path=path,
@@ -133,7 +134,7 @@ def load_scene(
         units=units,
         named_frames=named,
         attached=attached,
-        people=read_people(people, sources, path),
+        people=named_people,
     )
     truth.finish()
     return scene
@@ -182,6 +183,7 @@ def _check_sources(
     rig: CameraRig,
     foreground: ForegroundSettings,
     table: Table,
+    people: dict[str, Person],
     masks: bool,
     undistorted_with: bool,
 ) -> None:
@@ -203,8 +205,15 @@ def _check_sources(
         # and masks that can be of this subject.
         if source.masks is not None and source.mask_mark is not None and undistorted_with:
             _check_undistorted(source.masks, source.mask_mark, source, rig, k)
-        if foreground.source == "masks" and source.masks is not None:
+        if foreground.source == "masks" and source.masks is not None and not people:
             _check_masks(source.masks, source.label or foreground.identity)
+
+    for name, person in people.items() if masks else ():
+        of_views = [(source.masks, person.labels[k]) for k, source in enumerate(sources) if source.masks is not None]
+        shown = [decode_mask(image, label).any() for masks, label in of_views for image in masks.sample(_SAMPLES)]
+        if not any(shown):
+            where = f"{table.source}: [people.{name}]"
+            raise InputError(where, f"no mask shows label {person.labels[0]}", "give that of the person in the masks")
 
 
 def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, where: str) -> None:

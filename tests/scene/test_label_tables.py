@@ -1,0 +1,103 @@
+"""Label images by role: who is tracked, what may be in front, and several people in one scene."""
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from small_scene import FRAMES, SCENE, make_scene
+
+from mmocap_warp.commands.inputs import scene_from, scene_of, scene_reference
+from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.masks.observation import unpack_masks
+from mmocap_warp.scene.scene_toml import load_scene
+
+PEOPLE = """
+[people.anna]
+label = 1
+body = "adult_woman"
+[people.ben]
+label = { cam01 = 2, cam02 = 2, cam03 = 5 }
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two people, 1 and 2, or in the last view 1 and 5, and a table, 3, before the first of them."""
+    make_scene(tmp_path)
+    for camera in ("cam01", "cam02", "cam03"):
+        labels = np.zeros((48, 64), np.uint8)
+        labels[10:40, 10:24] = 1
+        labels[10:40, 30:44] = 5 if camera == "cam03" else 2
+        labels[30:44, 8:20] = 3
+        for frame in range(FRAMES):
+            cv2.imwrite(str(tmp_path / "masks" / camera / f"{frame:04d}.png"), labels)
+    return tmp_path
+
+
+def scene_with(folder, text):
+    (folder / "scene.toml").write_text(SCENE + text)
+    return load_scene(folder)
+
+
+def seen(scene):
+    """Masks and what is in front of the last frame: both (camera, height, width) bool."""
+    *_, last = scene.observations()
+    assert last.hidden is not None
+    return [np.array(unpack_masks(words, scene.rig().size)) for words in (last.words, last.hidden)]
+
+
+def test_a_thing_and_what_is_ignored_may_be_in_front_of_the_person(folder):
+    scene = scene_with(folder, "[labels]\nperson = 1\nthing = 3\nignore = { cam03 = [5] }\n")
+    assert scene.foreground.keep == "all"
+    own, hidden = seen(scene)
+    assert own.sum(axis=(1, 2)).tolist() == [30 * 14 - 10 * 10] * 3
+    assert hidden.sum(axis=(1, 2)).tolist() == [14 * 12, 14 * 12, 14 * 12 + 30 * 14]
+
+
+def test_without_labels_nothing_is_in_front(folder):
+    scene = scene_with(folder, "[foreground]\nidentity = 1\n")
+    assert all(observation.hidden is None for observation in scene.observations())
+
+
+def test_each_person_is_tracked_with_the_others_in_front(folder):
+    scene = scene_with(folder, "[labels]\nthing = 3\n" + PEOPLE)
+    anna, ben = (seen(scene.of_person(name)) for name in ("anna", "ben"))
+    assert anna[0].sum(axis=(1, 2)).tolist() == [320, 320, 320]
+    assert ben[0].sum(axis=(1, 2)).tolist() == [420, 420, 420]
+    assert (anna[1] & ben[0]).sum() == ben[0].sum()
+    assert (ben[1] & anna[0]).sum() == anna[0].sum()
+    assert scene.of_person("anna").body == "adult_woman"
+    assert next(iter(scene.masks()))[2].sum() == 740  # where nobody is chosen, everybody is shown
+
+
+def test_a_result_finds_its_person_again(folder):
+    scene = scene_with(folder, PEOPLE)
+    ben = scene_from(scene, person="ben")
+    assert scene_reference(ben, None)["person"] == "ben"
+
+    made = SimpleNamespace(provenance={f"fit.{name}": value for name, value in scene_reference(ben, None).items()})
+    assert scene_of(made, None, None).cameras == ben.cameras
+    with pytest.raises(UsageError, match="person carl is not one of anna, ben"):
+        scene_from(scene, person="carl")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[labels]\nperson = 0\n", "person = 0 is no label"),
+        ("[labels]\nperson = [1, 2]\n", "several labels"),
+        ("[labels]\nthing = { cam9 = 1 }\n", "'cam9', which is no camera"),
+        ("[labels]\nperson = 1\n[foreground]\nidentity = 1\n", "both say who"),
+        ("[labels]\nperson = 9\n", "no mask shows identity 9"),
+        ("[people.anna]\nbody = 'adult_man'\n", "'label' is missing"),
+        ("[people.anna]\nlabel = { cam01 = 1 }\n", "not one number for each camera"),
+        ("[people.anna]\nlabel = 1\n[people.ben]\nlabel = 1\n", "'ben' and 'anna' have the same label"),
+        ("[people.anna]\nlabel = 8\n", "no mask shows label 8"),
+        ("[people.anna]\nlabel = 1\nsubject = 'none.usdc'\n", "none.usdc does not exist"),
+        ("[people.anna]\nlabel = 1\nheight = 2\n", "height"),
+    ],
+)
+def test_tables_that_cannot_be_are_refused(folder, text, message):
+    with pytest.raises(InputError, match=message):
+        scene_with(folder, text)

@@ -19,15 +19,18 @@ _NEIGHBOURS = 4  # vertices about a pixel, the nearest of which says how deep th
 
 
 def places(ways: Sequence[np.ndarray], apart: float = APART) -> np.ndarray:
-    """(person, 2), shifts of ways (frame, 2) on the floor, on the smallest circle that keeps people apart [m]."""
+    """(person, 2), shifts of ways (frame, 2) on the floor with which people meet in the middle of the clip [m].
+
+    They are on a circle about the origin then, on the smallest that keeps them ``apart`` in all frames.
+    """
     bearing = 2 * np.pi * np.arange(len(ways)) / len(ways)
     ring = np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
-    radius = 0.0
+    middle, radius = np.array([way[len(way) // 2] for way in ways]), 0.0
     while True:
-        placed = [way + radius * shift for way, shift in zip(ways, ring, strict=True)]
+        shifts: np.ndarray = radius * ring - middle
+        placed = [way + shift for way, shift in zip(ways, shifts, strict=True)]
         pairs = [(one, other) for i, one in enumerate(placed) for other in placed[i + 1 :]]
         if all(np.linalg.norm(one - other, axis=1).min() >= apart for one, other in pairs):
-            shifts: np.ndarray = radius * ring
             return shifts
         radius += _STEP
 

@@ -157,7 +157,13 @@ def _by_joint(errors: dict[str, dict[str, float | None]]) -> str:
     return table([("joint", "median [mm]", "offset [mm]", "left [mm]"), *rows])
 
 
-@command("show:show", order="output scene whole slow deviations strip", result=Path, frames=ResultFrames)
+@command(
+    "show:show",
+    order="output beside scene whole slow deviations strip",
+    result=Path,
+    beside=Annotated[list[Path] | None, Parameter()],
+    frames=ResultFrames,
+)
 def show(call: Any, result: Path) -> Answer:
     drawn = call()
     known = {"video": drawn.video, "sheet": drawn.sheet, "strip": drawn.strip}

@@ -258,12 +258,14 @@ def look_first(
     from mmocap_warp.calibration.first_look import look
 
     looked = look(scene, body, start=start, to_be_mended=to_be_mended)
-    if looked.problem is not None and not trust:
+    hidden = any(source.in_front for source in scene.cameras)  # then views may differ in what they show
+    if looked.problem is not None and not (trust or hidden):
         remedy = f"{looked.remedy}; or go on with --trust-cameras"
         raise InputError(scene.path, looked.problem, remedy)
-    for doubt in (*looked.doubts, *([f"{looked.problem}, and is trusted"] if looked.problem else [])):
+    told = "is trusted" if trust else "what is in front of the subject may be why"
+    for doubt in (*looked.doubts, *([f"{looked.problem}, and {told}"] if looked.problem else [])):
         reporter.note(f"cameras: {doubt}")
-    return {"trusted_cameras": looked.problem} if looked.problem else {}
+    return {"trusted_cameras": looked.problem} if looked.problem and trust else {}
 
 
 def span(frames: Sequence[int] | np.ndarray) -> str:

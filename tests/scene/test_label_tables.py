@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from small_scene import FRAMES, SCENE, make_scene
 
-from mmocap_warp.commands.inputs import scene_from, scene_of, scene_reference
+from mmocap_warp.calibration.first_look import FirstLook
+from mmocap_warp.commands.inputs import look_first, scene_from, scene_of, scene_reference
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.scene.scene_toml import load_scene
@@ -101,3 +102,16 @@ def test_a_result_finds_its_person_again(folder):
 def test_tables_that_cannot_be_are_refused(folder, text, message):
     with pytest.raises(InputError, match=message):
         scene_with(folder, text)
+
+
+def test_views_that_differ_by_what_is_in_front_are_no_reason_to_refuse(folder, monkeypatch):
+    """Without things in front the same problem is refused."""
+    monkeypatch.setattr(
+        "mmocap_warp.calibration.first_look.look", lambda *_, **__: FirstLook("no common hull", "check")
+    )
+    notes = []
+    reporter = SimpleNamespace(note=notes.append)
+    assert look_first(scene_with(folder, PEOPLE).of_person("anna"), None, reporter, False) == {}
+    assert notes == ["cameras: no common hull, and what is in front of the subject may be why"]
+    with pytest.raises(InputError, match="no common hull"):
+        look_first(scene_with(folder, "[labels]\nperson = 1\n"), None, reporter, False)

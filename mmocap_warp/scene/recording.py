@@ -232,8 +232,8 @@ class Scene:
         for k, source in enumerate(self.cameras):
             hides = {*source.in_front, *(other.labels[k] for other in others)} - {chosen.labels[k]}
             cameras.append(replace(source, label=chosen.labels[k], in_front=tuple(sorted(hides))))
-        own = {"subject": chosen.subject, "body": chosen.body or self.body, "truth": chosen.truth}
-        return replace(self, cameras=tuple(cameras), person=name, **own)
+        own = replace(self, subject=chosen.subject, body=chosen.body or self.body, truth=chosen.truth)
+        return replace(own, cameras=tuple(cameras), person=name)
 
     @property
     def _named_frames(self) -> range:

@@ -20,8 +20,7 @@ from urllib.parse import quote
 import cv2
 
 from mmocap_warp.commands import evaluate, mask, show, track
-from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
-from mmocap_warp.commands.engines import engine_of
+from mmocap_warp.commands.caller import Reporter, arguments_checked, engine_of, start_warp
 from mmocap_warp.commands.outputs import lock, releases_locks
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device

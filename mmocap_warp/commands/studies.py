@@ -10,8 +10,7 @@ from typing import Any
 
 from mmocap_warp.bench import report_file, suite
 from mmocap_warp.bench.suite import PEERS, missing
-from mmocap_warp.commands.caller import Reporter, start_warp
-from mmocap_warp.commands.engines import engine_of
+from mmocap_warp.commands.caller import Reporter, engine_of, start_warp
 from mmocap_warp.commands.outputs import lock, new_file, new_folder, releases_locks
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device

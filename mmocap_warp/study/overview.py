@@ -22,7 +22,6 @@ from mmocap_warp.study.summary import (
     algorithm_label,
     contender,
     in_order,
-    ordered,
 )
 from mmocap_warp.study.wording import DASH, counted, extent, listed, named, over, shown
 
@@ -180,7 +179,7 @@ def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -
     others = [cell for cell in study.cells if cell.preset != study.preset and measure.key in study.cells[cell].runs]
     if not others:
         return None
-    presets = ordered({study.preset, *(cell.preset for cell in others)}, [study.preset, *_PRESETS])
+    presets = in_order({study.preset, *(cell.preset for cell in others)}, [study.preset, *_PRESETS])
     budgets = sorted({cell.evaluations for cell in others})
     at_budget = {budget: [cell for cell in others if cell.evaluations == budget] for budget in budgets}
     shared = {budget: _shared(study, cells, every) for budget, cells in at_budget.items()}

@@ -231,8 +231,8 @@ def time_figure(study: StudySummary, dof: int) -> str:
     """Milliseconds per frame and run against the budget, a curve per algorithm."""
     points: dict[str, list[tuple[int, float]]] = {name: [] for name in study.algorithms}
     for name, budget in product(study.algorithms, study.budgets):
-        found = (study.find(sequence, name, dof, budget) for sequence in study.sequences)
-        times = [1000 * seconds_per_frame(cell) for cell in found if cell is not None]
+        of = study.of_grid(algorithm=name, dof=dof, evaluations=budget)
+        times = [1000 * seconds_per_frame(cell) for cell in of]
         points[name].append((budget, float(np.mean(times)) if times else np.nan))
     return _by_budget(study, points, "ms per frame and run", f"Time per frame by budget, {dof} DOF")
 

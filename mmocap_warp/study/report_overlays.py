@@ -19,7 +19,7 @@ from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.study.baselines import is_of
 from mmocap_warp.study.source import Clip, open_clip
 from mmocap_warp.study.study_tables import Ranking
-from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
+from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
 
 _SIZE = (360, 480)
 _MARGIN = 1.12  # size of the window over that of what is drawn
@@ -88,7 +88,7 @@ def best_and_worst(
 
 def side_by_side(study: StudySummary, sequence: str, dof: int, budget: int, clip: Clip) -> list[list[Picture]]:
     """All algorithms at the same three frames in the same view: a list per algorithm; empty ones are left out."""
-    cells = [cell for name in study.algorithms if (cell := study.find(sequence, name, dof, budget)) is not None]
+    cells = [cell for name in study.algorithms if (cell := study.find(sequence, Contender(name, dof, budget)))]
     if not cells:
         return []
     places = [int(min(len(cell.frames) for cell in cells) * share) for share in (0.3, 0.6, 0.9)]

@@ -7,7 +7,8 @@ long as the paper's. ``docs/sequences.md`` says what is in all of them and how t
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections import UserDict
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -164,20 +165,11 @@ def clip_sequence(
     return replace(made, truth=replace(made.truth, marker_names=moved.marker_names, markers=np.round(paths, 7)))
 
 
-class MadeSequences(Mapping[str, StudySequence]):
+class MadeSequences(UserDict[str, Any]):
     """Sequences by name, each made from its plan when it is first asked for."""
 
-    def __init__(self, plans: Mapping[str, SequencePlan]) -> None:
-        self._plans = plans
-
     def __getitem__(self, name: str) -> StudySequence:
-        return _made(name, self._plans[name])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._plans)
-
-    def __len__(self) -> int:
-        return len(self._plans)
+        return _made(name, self.data[name])
 
 
 _made = cache(make_sequence)

@@ -245,18 +245,15 @@ class StudySummary:
             self.cells[cell] for cell in self.grid if all(getattr(cell, name) == value for name, value in of.items())
         ]
 
-    def find(self, sequence: str, algorithm: str, dof: int, evaluations: int) -> CellSummary | None:
-        """A cell of the main preset; None where the grid has a gap.
-
-        A baseline is the same for every model and budget.
-        """
-        if algorithm in BASELINES:
-            return self.baselines.get((sequence, algorithm))
-        return self.cells.get(Cell(sequence, algorithm, dof, evaluations, self.preset))
+    def find(self, sequence: str, who: Contender) -> CellSummary | None:
+        """A cell of the main preset; None where the grid has a gap. A baseline's is of every model and budget."""
+        if who.algorithm in BASELINES:
+            return self.baselines.get((sequence, who.algorithm))
+        return self.cells.get(Cell(sequence, who.algorithm, who.dof, who.evaluations, self.preset))
 
     def known(self, who: Contender, sequences: Iterable[str], measure: Measure) -> dict[str, CellSummary]:
         """A contender's cells of the main preset by sequence, where the measure is known of them."""
-        found = {name: self.find(name, who.algorithm, who.dof, who.evaluations) for name in sequences}
+        found = {name: self.find(name, who) for name in sequences}
         return {name: cell for name, cell in found.items() if cell is not None and measure.key in cell.runs}
 
     def cells_of(self, contenders: Iterable[Contender], measure: Measure) -> list[CellSummary]:
@@ -294,13 +291,8 @@ def seconds_alone(results: Iterable[CellResult]) -> dict[Contender, float]:
     return {who: float(np.mean(each)) for who, each in of.items()}
 
 
-def in_order(algorithms: Iterable[str]) -> list[str]:
-    """Each algorithm once: the paper's as in its Table 4, then others as they are registered, then the rest."""
-    return ordered(algorithms, [*ALGORITHM_ORDER, *ALGORITHMS])
-
-
-def ordered(names: Iterable[str], order: Sequence[str]) -> list[str]:
-    """Each name once: as in ``order``, then the rest by the alphabet."""
+def in_order(names: Iterable[str], order: Sequence[str] = (*ALGORITHM_ORDER, *ALGORITHMS)) -> list[str]:
+    """Each name once: as in ``order``, then the rest by the alphabet. Algorithms: the paper's, then as registered."""
     return sorted(set(names), key=lambda name: (order.index(name) if name in order else len(order), name))
 
 

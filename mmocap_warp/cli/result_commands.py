@@ -59,7 +59,7 @@ def _track(
     from mmocap_warp.commands.evaluate import evaluate_in_scene
     from mmocap_warp.commands.show import show_all
 
-    changes = {"person": None} if scene.person else {}  # the scene is of that person already
+    changes: dict[str, Any] = {"person": None} if scene.person else {}  # the scene is of that person already
     changes |= {"resume": True} if whole and not force else {}
     tracked = call(scene=scene, output=output, **changes)
     try:

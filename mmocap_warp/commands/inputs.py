@@ -145,7 +145,7 @@ def scene_reference(scene: Scene, file: Path | None, prefix: str = "") -> dict[s
     """How a result or a subject names scene and person: relative to its own file, so that both can move together."""
     path, identity = scene.path.resolve(), scene.foreground.identity
     reference = path if file is None else Path(os.path.relpath(path, file.resolve().parent))
-    known = {"identity": identity, "person": scene.person}
+    known: dict[str, str | int] = {"identity": identity, "person": scene.person}
     return {f"{prefix}scene": reference.as_posix()} | {f"{prefix}{key}": of for key, of in known.items() if of}
 
 

@@ -142,14 +142,14 @@ def overlay(
     return view[:, :, ::-1].copy()  # OpenCV draws blue first
 
 
-def drawn_over(result: Result, images: Images | None, masks: Images | None) -> Iterator[list[np.ndarray]]:
+def drawn_over(result: Result, images: Images | None, masks: Images | None) -> Iterator[list[np.ndarray | None]]:
     """Per frame of a result, an image for each camera with the best run drawn over it, for another body to come over.
 
     Images and masks are as :func:`show` takes them.
     """
     body = _project_run(result, result.best_run)
     for frame, (seen, masked) in enumerate(_frames_in_step(result, images, masks)):
-        yield body.views(frame, seen, masked, _whole_windows(result.cameras, seen))
+        yield [*body.views(frame, seen, masked, _whole_windows(result.cameras, seen))]
 
 
 def _whole_windows(rig: CameraRig, images: Sequence[np.ndarray | None]) -> list[Window]:

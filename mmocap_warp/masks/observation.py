@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
@@ -55,9 +56,15 @@ class Observation:
     def from_masks(
         cls, masks: list[np.ndarray], late: np.ndarray | None = None, hidden: list[np.ndarray] | None = None
     ) -> Observation:
-        """Pack one (height, width) boolean mask per camera, and of ``hidden`` what is no foreground."""
-        words = pack_masks(masks)
-        covered = None if hidden is None else pack_masks(hidden) & ~words
+        """Pack one (height, width) boolean mask per camera, and of ``hidden`` what is no foreground.
+
+        In a view in which none of that is near the mask, it hides nothing: what is hidden goes on where a mask ends.
+        """
+        words, covered = pack_masks(masks), None
+        if hidden is not None:
+            near = [_meet(mask, other) for mask, other in zip(masks, hidden, strict=True)]
+            covered = pack_masks([other & meets for other, meets in zip(hidden, near, strict=True)]) & ~words
+            covered = covered if any(near) else None
         return cls(words, np.array([int(mask.sum()) for mask in masks], np.int64), late, covered)
 
     @property
@@ -72,6 +79,12 @@ class Observation:
     def without(self, views: np.ndarray) -> Observation:
         """The same with nobody in some views (camera,) bool."""
         return replace(self, words=self.words * ~views[:, None, None], foreground=self.foreground * ~views)
+
+
+def _meet(mask: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two masks (height, width) bool are as near to each other as their faults may be large."""
+    beside = np.ones((2 * _FAULT + 1, 2 * _FAULT + 1), np.uint8)
+    return bool(other.any() and (cv2.dilate(mask.view(np.uint8), beside).view(bool) & other).any())
 
 
 def make_views(rig: CameraRig, device: str) -> Any:
@@ -103,6 +116,7 @@ def _lens(rig: CameraRig) -> np.ndarray:
     return np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
 
 
+_FAULT = 8  # gaps up to so wide between a mask and what hides the subject are faults [px]
 _IN_MEMORY = 2**26  # bytes; larger amounts go to a temporary file
 _LEVEL = 1  # a mask of 640 x 480 takes 1 to 2 KB, in 0.1 ms; higher levels bring little
 _FRAMES_AHEAD = 4  # that are read while one is tracked

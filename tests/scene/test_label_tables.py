@@ -10,7 +10,7 @@ from small_scene import FRAMES, SCENE, make_scene
 from mmocap_warp.calibration.first_look import FirstLook
 from mmocap_warp.commands.inputs import look_first, scene_from, scene_of, scene_reference
 from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.masks.observation import unpack_masks
+from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.scene.scene_toml import load_scene
 
 PEOPLE = """
@@ -54,6 +54,17 @@ def test_a_thing_and_what_is_ignored_may_be_in_front_of_the_person(folder):
     own, hidden = seen(scene)
     assert own.sum(axis=(1, 2)).tolist() == [30 * 14 - 10 * 10] * 3
     assert hidden.sum(axis=(1, 2)).tolist() == [14 * 12, 14 * 12, 14 * 12 + 30 * 14]
+
+
+@pytest.mark.parametrize(("gap", "hides"), [(8, True), (9, False)])
+def test_what_is_far_from_a_mask_in_a_view_hides_nothing_there(gap, hides):
+    mask, other = np.zeros((2, 48, 64), bool)
+    mask[10:40, 10:20] = True
+    other[10:40, 19 + gap : 40] = True
+    seen = Observation.from_masks([mask, mask], None, [other, np.zeros_like(other)])
+    assert (seen.hidden is not None) == hides
+    if hides:
+        np.testing.assert_array_equal(unpack_masks(seen.hidden, np.array([[64, 48]] * 2))[0], other)
 
 
 def test_without_labels_nothing_is_in_front(folder):

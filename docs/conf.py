@@ -3,6 +3,7 @@
 import html
 import json
 import re
+import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ from docutils import nodes
 from sphinx.application import Sphinx
 
 import mmocap_warp
-from mmocap_warp.bench.report_file import PAGE, report_page
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "instruments"))
+from bench_report import PAGE, report_page
 
 project = "mmocap-warp"
 author = "The mmocap-warp contributors"

@@ -110,7 +110,9 @@ def stated(sequence: StudySequence, first: int, generic: BodyModel) -> Stated:
     space, base = RestSpace(generic), sequence.subject.root_base
     frames = np.arange(first, first + _CLIP)
     spread = np.linspace(first, min(first + _BODY_SPAN, sequence.frame_count) - 1, _BODY_FRAMES).round().astype(int)
-    begins = space.model(_SHAPE_KNOWN * space.nearest(sequence.recording.body))
+    true_body = sequence.recording.body
+    near = true_body if np.array_equal(true_body.skin.face, generic.skin.face) else sequence.subject.body  # in a skirt
+    begins = space.model(_SHAPE_KNOWN * space.nearest(near))
     rooting = Rooting(generic.skeleton, base, generic.skeleton.searched())
     poses = _near_truth(sequence, begins, spread)
     followed = Followed([sequence.observation(int(f)) for f in spread], rooting.enter(poses), np.zeros(len(spread)))

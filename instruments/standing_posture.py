@@ -178,7 +178,7 @@ class StandingPosture(Posture):
 
     def place(self, joint: str) -> np.ndarray:
         """(frame, 3), where a joint is, given what has been set so far."""
-        return self._transforms(joint)[:, :3, 3]
+        return self._poser.joint_transforms(self.poses)[:, self._body.skeleton.index(joint), :3, 3]
 
     def pivoting(self, side: str, foot: Foot) -> Foot:
         """The foot with its places moved so that, as it yaws, it turns about the point that touches the floor."""

@@ -23,10 +23,11 @@ from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.clips import ablate, make_sequences
 from mmocap_warp.commands.demo import demo
 from mmocap_warp.commands.evaluate import evaluate, measure
+from mmocap_warp.commands.live_session import LiveReport, live
 from mmocap_warp.commands.mask import mask
 from mmocap_warp.commands.new_scenes import import_dataset, import_humaneva, init, synthesize
 from mmocap_warp.commands.show import export, show, view
-from mmocap_warp.commands.studies import benchmark, report_study, run_study, write_benchmark_pages
+from mmocap_warp.commands.studies import benchmark, report_study, run_study
 from mmocap_warp.commands.track import fit, track
 from mmocap_warp.display.result_video import overlay
 from mmocap_warp.errors import InputError, UsageError
@@ -41,17 +42,17 @@ from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.store import read_results as study_results
-from mmocap_warp.tracking.live import LiveFrame, track_live
+from mmocap_warp.tracking.live import LiveFrame, LiveTracker, track_live
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.version import __version__ as __version__
 
 __all__ = [
-    "BoardCalibration", "BodyModel", "CameraCheck", "CameraRig", "FitConfig", "InputError", "LiveFrame",
-    "Refinement", "Reporter", "Result", "Scene", "SolvedCameras", "Subject", "Synchronisation", "TrackConfig",
-    "UnsolvableError", "UsageError", "__version__", "ablate", "batch", "benchmark", "calibrate_board", "check_cameras",
-    "convert_cameras", "demo", "evaluate", "export", "export_body", "fit", "import_body", "import_dataset",
-    "import_humaneva", "init", "learn_body", "load_body", "load_result", "load_scene", "load_truth",
-    "make_sequences", "mask", "measure", "minimize", "overlay", "print_board", "refine_cameras", "report_study",
-    "run_study", "show", "show_body", "show_cameras", "solve_cameras", "study_results", "sync", "synthesize",
-    "track", "track_live", "validate_usd", "view", "write_benchmark_pages", "write_result",
+    "BoardCalibration", "BodyModel", "CameraCheck", "CameraRig", "FitConfig", "InputError", "LiveFrame", "LiveReport",
+    "LiveTracker", "Refinement", "Reporter", "Result", "Scene", "SolvedCameras", "Subject", "Synchronisation",
+    "TrackConfig", "UnsolvableError", "UsageError", "__version__", "ablate", "batch", "benchmark", "calibrate_board",
+    "check_cameras", "convert_cameras", "demo", "evaluate", "export", "export_body", "fit", "import_body",
+    "import_dataset", "import_humaneva", "init", "learn_body", "live", "load_body", "load_result", "load_scene",
+    "load_truth", "make_sequences", "mask", "measure", "minimize", "overlay", "print_board", "refine_cameras",
+    "report_study", "run_study", "show", "show_body", "show_cameras", "solve_cameras", "study_results", "sync",
+    "synthesize", "track", "track_live", "validate_usd", "view", "write_result",
 ]  # fmt: skip

@@ -10,12 +10,12 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from bench_report import report_page
 from synthetic import synthetic_result
 from tracked_motion import FRAMES, TRACKED, standing_still, track_motion
 from walk_scene import walking
 
 import mmocap_warp
-from mmocap_warp.bench.report_file import report_page
 from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.optimizers.minimize import minimize
 from mmocap_warp.tracking.algorithms import ALGORITHMS

@@ -12,24 +12,23 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from mmocap_warp.bench.evaluations import EVALUATION
-from mmocap_warp.bench.growth import AXES, Report, growth_lines, growth_plots
-from mmocap_warp.bench.optimizer_peers import ASK_AND_TELL, FUNCTION, OURS
-from mmocap_warp.bench.peers import PEER
 from mmocap_warp.bench.searches import FRAME
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import write_whole
 
-PAGE = "results.md"
-"""The file of the page of times."""
+PEERS, ASK_AND_TELL, FUNCTION = "peers", "ask and tell beside peers", "a function beside peers"
+"""Groups of other programs beside ours, which ``instruments/bench_report.py`` measures; always on the CPU."""
+OURS = "mmocap-warp"
 _WIDTH = 200  # columns of the terminal: more than any table needs, also where times spread on a busy machine
 _COLOURS = {"✓": "green", "✗": "bold red"}
 
 FORMAT = 1
 """Of a report; another number means other keys."""
 
+Report = dict[str, Any]
+"""What ``suite.run_suite`` returns."""
 Row = dict[str, Any]
 
-_ON_THE_CPU = (PEER, ASK_AND_TELL, FUNCTION)  # always
 _IN_WORDS = {"dof": "{} DOF", "budget": "{} evaluations", "function": "{}", "moving": "all but the {}"}
 _MEASURE = ("cameras", "pixels", "triangles", "vertices", "renderer")  # the same for all, or said elsewhere
 
@@ -44,7 +43,7 @@ class Table(NamedTuple):
 
 
 def report_tables(report: Report, old: Report | None = None, answers: bool = False) -> list[Table]:
-    """A table for each group; those of growth are plotted instead.
+    """A table for each group; those of growth are plotted instead, by ``instruments/bench_report.py``.
 
     Lines say how many times as quick as in an ``old`` report it is now, and how ``answers`` were checked.
     """
@@ -62,7 +61,7 @@ def _key(row: Row) -> str:
 
 
 def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] | None, answers: bool) -> Table:
-    host = "launched" if gpu and group not in _ON_THE_CPU else "processor"
+    host = "launched" if gpu and group not in (PEERS, ASK_AND_TELL, FUNCTION) else "processor"
     columns = ["", "of", "median", "lowest", "quartiles", host, "compile", "an evaluation", "in 1 s"]
     columns += ["speed-up"] * (before is not None) + ["answer"]
     common = [name for name, value in rows[0]["sizes"].items() if all(row["sizes"].get(name) == value for row in rows)]
@@ -88,7 +87,7 @@ def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] 
 
 def _notes(group: str, rows: list[Row]) -> Iterable[str]:
     """Ratios of what was measured side by side."""
-    if group == PEER:
+    if group == PEERS:
         theirs = [row for row in rows if "renderer" not in row["sizes"]]
         for mine in (row for row in rows if "renderer" in row["sizes"]):
             ratios = (f"{_ratio(other, mine):.1f} times as quick as {other['name']}'s drawing" for other in theirs)
@@ -207,38 +206,3 @@ def to_text(parts: RenderableType, *, colours: bool) -> str:
     with console.capture() as captured:
         console.print(parts)
     return "\n".join(line.rstrip() for line in captured.get().splitlines())
-
-
-def write_pages(folder: Path, reports: Sequence[Report]) -> list[Path]:
-    """Write the page and the plots into a folder, replacing those of earlier reports; returns the files.
-
-    Raises:
-        InputError: it cannot be written to.
-    """
-    files = {PAGE: report_page(reports)}
-    files |= {f"growth-{axis}.svg": plot for axis, plot in growth_plots(reports).items()}
-    for name, words in files.items():
-        write_whole(folder / name, words.encode())
-    return [folder / name for name in files]
-
-
-def report_page(reports: Sequence[Report]) -> str:
-    """The page of reports beside each other, as Markdown; its plots of growth are files beside it."""
-    parts = [
-        "# Measured",
-        "Written by `mmocap bench pages`. What is measured and how: [performance](../performance.md).",
-    ]
-    parts += ["; ".join(heading(report).splitlines()) + "." for report in reports]
-    growing = {axis: lines for axis in AXES if (lines := growth_lines(reports, axis))}
-    parts += ["## Growth"] if growing else []
-    for axis, lines in growing.items():
-        slopes = ", ".join(f"{line.name} {line.slope:.2f}" for line in lines if len(line.points) > 1)
-        parts += [f"![{axis}](growth-{axis}.svg)", f"Slope at the end: {slopes}."]
-    for report in reports:
-        parts.append(f"## {report['device']}")
-        for table in report_tables(report, answers=True):
-            rows = [[word.replace("|", "\\|") for word in row] for row in table.rows]
-            grid = [f"| {' | '.join(row)} |" for row in (table.columns, ["---"] * len(table.columns), *rows)]
-            parts += [f"### {table.title[0].upper()}{table.title[1:]}", "\n".join(grid)]
-            parts += [f"- {note}" for note in table.notes]
-    return "\n\n".join(parts) + "\n"

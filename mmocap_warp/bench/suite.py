@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,26 +16,16 @@ import warp as wp
 
 from mmocap_warp.bench.contours import contour_frames
 from mmocap_warp.bench.evaluations import evaluations, moving_parts, stages
-from mmocap_warp.bench.growth import growth
-from mmocap_warp.bench.optimizer_peers import optimizer_peers
-from mmocap_warp.bench.peers import peers
 from mmocap_warp.bench.report_file import FORMAT
 from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
 from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.timing import Case, Measurement, measure
 from mmocap_warp.versions import package_versions, versions
 
-# embree's module serves trimesh, too: it casts its rays with Embree
-PEERS = {name: ("embreex", "bench") for name in ("embree", "trimesh")} | {"opencv": ("cv2", "bench")}
-PEERS |= {name: (name, "peers") for name in ("evosax", "cmaes", "cma")}
-"""What may be run beside us: the module that each needs, and the extra of this package that installs it."""
-
-_SMALL_WORK_SECONDS = 0.1  # for each of many small works
-
-
-def missing(names: Sequence[str]) -> list[str]:
-    """Those of ``PEERS`` that are not installed."""
-    return [name for name in names if find_spec(PEERS[name][0]) is None]
+Steps = Iterator[list[Measurement]]
+"""Measurements of one group after the other."""
+SMALL_WORK_SECONDS = 0.1
+"""For each of many small works."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +34,6 @@ class Plan:
 
     device: str  # a Warp device
     threads: int  # of the CPU, beside one
-    against: tuple[str, ...]  # names in ``PEERS``
-    growing: bool  # whether the growth of times with every size is measured, too
     batches: tuple[int, ...]  # candidates of the whole evaluation
     kernel_candidates: tuple[int, ...]  # candidates of each kernel alone
     runs: int = 30  # at once, beside one
@@ -53,31 +41,42 @@ class Plan:
     seconds: float | None = None  # to spend on each work, about; what suits it where None
 
     @classmethod
-    def usual(cls, device: str, threads: int, against: tuple[str, ...] = (), growing: bool = False) -> Plan:
+    def usual(cls, device: str, threads: int) -> Plan:
         """What takes a CPU less than a minute, and a GPU too."""
         if device == "cpu":
-            return cls(device, threads, against, growing, batches=(14,), kernel_candidates=(14,), budget=60)
-        return cls(device, threads, against, growing, batches=(9, 14, 256, 2048, 4096), kernel_candidates=(14, 2048))
+            return cls(device, threads, batches=(14,), kernel_candidates=(14,), budget=60)
+        return cls(device, threads, batches=(9, 14, 256, 2048, 4096), kernel_candidates=(14, 2048))
 
 
-def run_suite(plan: Plan, tell: Callable[[str], None], load: Workload | None = None) -> dict[str, Any]:
-    """Measure; raises nothing where an answer is wrong, but says so. ``tell`` is called with each step's name.
+def run_suite(
+    plan: Plan,
+    report_step: Callable[[str], None],
+    load: Workload | None = None,
+    more: Sequence[Callable[[Workload], Steps]] = (),
+    packages: Iterable[str] = (),
+) -> dict[str, Any]:
+    """Measure; raises nothing where an answer is wrong, but says so.
 
-    ``load`` is what is evaluated, but for growth; the measure where it is omitted.
+    Args:
+        plan: what is measured.
+        report_step: called with each step's name.
+        load: what is evaluated; the measure where it is omitted.
+        more: further steps, of the load.
+        packages: whose versions the report has besides those that the program needs.
     """
     started, clock, load_before = datetime.now(UTC), time.perf_counter(), _machine_load()
     compiled, load = _compiled_kernels(), load or workload()
     measured: list[Measurement] = []
-    for rows in _steps(plan, load):
+    for rows in chain(_steps(plan, load), *(steps(load) for steps in more)):
         if not measured or rows[0].group != measured[-1].group:
-            tell(rows[0].group)
+            report_step(rows[0].group)
         measured += rows
-    packages = package_versions({PEERS[name][0] for name in plan.against}) | {"python": platform.python_version()}
+    others = package_versions(packages) | {"python": platform.python_version()}
     return {
         "format": FORMAT,
         "started": started.isoformat(timespec="seconds"),
         "seconds": time.perf_counter() - clock,
-        "versions": versions(plan.device) | packages,
+        "versions": versions(plan.device) | others,
         "device": wp.get_device(plan.device).name if plan.device != "cpu" else _processor(),
         "kind": "cpu" if plan.device == "cpu" else "cuda",
         "cores": os.cpu_count(),
@@ -90,7 +89,7 @@ def run_suite(plan: Plan, tell: Callable[[str], None], load: Workload | None = N
     }
 
 
-def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
+def _steps(plan: Plan, load: Workload) -> Steps:
     device, threads = plan.device, sorted({1, plan.threads}) if plan.device == "cpu" else [1]
 
     def measured(groups: Iterable[list[Case]], device: str = device, seconds: float | None = None) -> Iterator:
@@ -101,15 +100,11 @@ def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
         yield from measured(stages(load, candidates, device))
     yield from measured(evaluations(load, plan.batches, threads, device))
     yield from measured(moving_parts(load, device))
-    yield from measured(ask_and_tell(load, (1, plan.runs), device), seconds=_SMALL_WORK_SECONDS)
+    yield from measured(ask_and_tell(load, (1, plan.runs), device), seconds=SMALL_WORK_SECONDS)
     yield from measure_generations(load, device, threads[0], plan.seconds)
     yield from measured(frames(load, device, threads[-1]))
     yield from measured(same_frames(load, (1, plan.runs), plan.budget, device, threads[-1]))
     yield from measured(contour_frames(load, (1, plan.runs), device))
-    yield from measured(peers(load, plan.against), "cpu")
-    yield from measured(optimizer_peers(plan.against, (1, plan.runs)), "cpu")
-    if plan.growing:
-        yield from measured(growth(load, device), seconds=_SMALL_WORK_SECONDS)
 
 
 def _compiled_kernels() -> set[str]:

@@ -155,13 +155,13 @@ def convert(call: Any, output: Path) -> Answer:
     board=Given(str, kind=BY_FLAG),
     output=Given(Path, Path("calibration.toml")),
 )
-def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | None) -> Answer:
+def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | None, person: Path | None) -> Answer:
     found = call()
     rig = found.rig
     rows: list[tuple[str, ...]] = [_BOARD_COLUMNS]
     cameras = []
     for k, name in enumerate(rig.names):
-        centre = rig.centres[k]
+        centre = rig.centres[k] + 0.0  # no negative zeros
         focal = rig.K[k, 0, 0]
         used = "given" if not found.lens_frames[k] else str(found.lens_frames[k])
         share = f"{100 * found.focal_sigma[k]:.2f} %"
@@ -179,7 +179,9 @@ def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | Non
                 "centre_m": centre,
             }
         )
-    origin = "the board on the floor" if rig.up == "+z" else "the first camera; name a --floor frame for a level one"
+    origin = "the board on the floor" if person is None else "the person's floor"
+    if rig.up != "+z":
+        origin = "the first camera; name a --floor frame, or a --person, for a level one"
     lines = [table(rows, 1), f'{output}: metres, up = "{rig.up}", the world is that of {origin}']
     if picture is not None:
         lines.append(f"{picture}: corners, and residuals 50 times longer, in {len(rig)} views")

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.command import BY_PLACE, Answer, Given, command
+from mmocap_warp.cli.command import BY_PLACE, Answer, Given, command, several
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, ResultFrames, SceneFrames, flags_of, next_step, table
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
 from mmocap_warp.formats.toml_table import listed
-from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.track_config import AS_GIVEN, REFINE, TrackConfig
 
 if TYPE_CHECKING:
     from mmocap_warp.body.model import Subject
@@ -27,7 +27,9 @@ TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
 @command("track:track", output=Given(Path | None), frames=SceneFrames, settings=TrackFlags | None)
-def track(call: Any, console: Console, loaded: Scene, output: Path | None, person: str | None, force: bool) -> int:
+def track(
+    call: Any, console: Console, loaded: Scene, output: Path | None, person: str | None, force: bool, settings: Any
+) -> int:
     from mmocap_warp.commands.mask import with_masks
 
     # Without an output all is made beside the scene, and what exists is not made again.
@@ -35,10 +37,10 @@ def track(call: Any, console: Console, loaded: Scene, output: Path | None, perso
     loaded = with_masks(loaded, console)
     if person is not None or not loaded.people:
         chosen = loaded.of_person(person) if person in loaded.people else loaded
-        values, text, code = _track(call, console, chosen, output, whole, force)
+        values, text, code = _track(call, console, chosen, output, whole, force, settings)
     else:
         each = [
-            _track(call, console, loaded.of_person(name), _of_person(output, name), whole, force)
+            _track(call, console, loaded.of_person(name), _of_person(output, name), whole, force, settings)
             for name in loaded.people
         ]
         values = {"people": dict(zip(loaded.people, (of_one[0] for of_one in each), strict=True))}
@@ -53,15 +55,22 @@ def _of_person(output: Path, name: str) -> Path:
 
 
 def _track(
-    call: Any, console: Console, scene: Scene, output: Path, whole: bool, force: bool
+    call: Any, console: Console, scene: Scene, output: Path, whole: bool, force: bool, settings: Any
 ) -> tuple[dict[str, Any], str, int]:
     """Track one person: what is known then, as values and for people, and the exit code."""
     from mmocap_warp.commands.evaluate import evaluate_in_scene
     from mmocap_warp.commands.show import show_all
+    from mmocap_warp.result.verdict import verdict
 
     changes: dict[str, Any] = {"person": None} if scene.person else {}  # the scene is of that person already
-    changes |= {"resume": True} if whole and not force else {}
-    tracked = call(scene=scene, output=output, **changes)
+    resumed = {"resume": True} if whole and not force else {}
+    tracked = call(scene=scene, output=output, **changes, **resumed)
+    # Cameras that disagree are refined, unless something else is asked for.
+    asked = (settings and settings.cameras) or "cameras" in scene.track or tracked.config["cameras"] == REFINE
+    if whole and not asked and verdict(tracked)["cameras"]:
+        console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
+        tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})
+        force = True
     try:
         report, warning = evaluate_in_scene(tracked, scene)
     except InputError:
@@ -74,6 +83,24 @@ def _track(
     text = "\n".join([*map(str, files.values()), summary(report), f"next: {step}"])
     code = OK if report["verdict"]["holds"] else CHECK_FAILED
     return {**files, **report, "config": tracked.config, "next": step}, text, code
+
+
+@command(
+    "live_session:live",
+    order="subject source to record",
+    source=several("--source"),
+    to=several("--to"),
+    frames=SceneFrames,
+    settings=TrackFlags | None,
+)
+def live(call: Any) -> Answer:
+    report = call()
+    median, late, most = (f"{each:.1f}" for each in report.delay_ms)
+    lines = [
+        f"{report.frames} frames, {report.dropped} dropped, {report.lost} lost",
+        f"from masks to packets: median {median} ms, 99 of 100 within {late} ms, most {most} ms",
+    ]
+    return Answer(vars(report), lines)
 
 
 @command(

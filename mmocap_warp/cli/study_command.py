@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import tomllib
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -22,37 +23,12 @@ if TYPE_CHECKING:
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
 bench_app = App(name="bench", version_flags=[])
-_COLUMNS = {  # of the table of a run, by key: title, format and unit
-    "mpjpe_mm": ("MPJPE", ".1f", " mm"),
-    "eq20_as_printed_mm": ("Eq. 20 as printed", ".1f", " mm"),
-    "marker_error_mm": ("from own answer", ".1f", " mm"),
-    "iou": ("IoU", ".3f", ""),
-    "shake_mm": ("shake", ".1f", " mm"),
-    "growth": ("growth", ".2f", ""),
-}
 _MORE = Parameter(help="Further folders of results, of the same page.")
 _COMPARE = Parameter(help="An earlier report: show how many times as quick each line is now.")
 _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
-_ABLATED: dict[str, tuple[str, str, Callable[[list[float]], float]]] = {  # title, how it is shown, over seeds
-    "marker_error_mm": ("marker", ".1f", fmean),
-    "mpjpe_mm": ("MPJPE", ".1f", fmean),
-    "shake_mm": ("shake", ".1f", fmean),
-    "growth": ("growth", ".2f", fmean),
-    "mean_iou": ("IoU", ".3f", fmean),
-    "worst_iou": ("worst", ".3f", min),
-    "wrongly_tracked": ("wrong", ".0f", max),
-    "off_frames": ("off", ".0f", max),
-    "longest_off": ("in a row", ".0f", max),
-    "near_tracked": ("told", ".2f", min),
-    "ms_per_frame": ("ms", ".0f", min),
-}
-_LEGEND = (
-    "Means over seeds: marker error from the run's own first answer, MPJPE and shake at 60 Hz [mm]; growth: MPJPE of "
-    "the last third over the first's; IoU. ms: a frame of the fastest seed.\n"
-    "Of the worst seed: IoU of the worst frame; wrong: frames said to be tracked with a wrist, an ankle or the root "
-    "over 200 mm off; off: such frames whatever is said, and how many in a row; told: share said to be tracked or "
-    "partial of the frames with none of these over 50 mm off."
-)
+_TABLES = tomllib.loads(Path(__file__).with_name("study_tables.toml").read_text("utf-8"))
+_COLUMNS, _ABLATED = _TABLES["run"], _TABLES["ablate"]
+_OF_SEEDS: dict[str, Callable[[list[float]], float]] = {"mean": fmean, "min": min, "max": max}
 _ROW = ("clip", "purpose", "degradation", "start", "tracker")  # what a line of the table is about
 
 
@@ -203,29 +179,18 @@ def _ablation_table(rows: list[dict[str, Any]]) -> str:
     lines = [("clip", "for", "degradation", "start", "tracker", "seeds", *(title for title, *_ in _ABLATED.values()))]
     for key, seeds in groups.items():
         known = {name: [one[name] for one in seeds if one[name] is not None] for name in _ABLATED}
-        values = [format(how(known[name]), kind) if known[name] else "-" for name, (_, kind, how) in _ABLATED.items()]
+        shown = ((known[name], kind, how) for name, (_, kind, how) in _ABLATED.items())
+        values = [format(_OF_SEEDS[how](each), kind) if each else "-" for each, kind, how in shown]
         lines.append((*key, str(len(seeds)), *values))
-    return f"{table(lines, left=len(_ROW))}\n\n{_LEGEND}"
+    return f"{table(lines, left=len(_ROW))}\n\n{_TABLES['legend']['ablate']}"
 
 
 @bench_app.default
-@command(
-    "studies:benchmark",
-    order="device threads against growth compare output",
-    against=Given(str | None, None),
-    compare=Annotated[Path | None, _COMPARE],
-)
-def bench(call: Any, against: str | None, compare: Path | None) -> Answer:
+@command("studies:benchmark", order="device threads compare output", compare=Annotated[Path | None, _COMPARE])
+def bench(call: Any, compare: Path | None) -> Answer:
     from mmocap_warp.bench.report_file import read_report, rendered, to_text
 
     old = None if compare is None else read_report(compare)
-    report = call(against=() if against is None else against)
+    report = call()
     text = to_text(rendered(report, old), colours=sys.stdout.isatty())
     return Answer(report, [text], OK if report["ok"] else CHECK_FAILED)
-
-
-@bench_app.command(help="Write reports as a page of tables, and plots of growth.")
-@command("studies:write_benchmark_pages", reports=Given(Path, kind=ANY_NUMBER))
-def pages(call: Any) -> Answer:
-    files = call()
-    return Answer({"files": files}, files)

@@ -279,6 +279,8 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
         given = [Path(scene) for scene in scenes]
     elif source.is_dir():
         given = [file for file in sorted(source.rglob("scene.toml")) if output.resolve() not in file.resolve().parents]
+        # What lies within a scene's folder was made of it, such as its masks.
+        given = [file for file in given if not any(other.parent in file.parent.parents for other in given)]
     else:
         lines = map(str.strip, read_text(source, "name a folder, or a file with a scene in each line").splitlines())
         given = [source.parent / line for line in lines if line and not line.startswith("#")]
@@ -288,7 +290,7 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
     folders = [file.resolve().parent for file in files]
     root = commonpath([folder.parent for folder in folders])
     named = {folder.relative_to(root).as_posix(): file for folder, file in zip(folders, files, strict=True)}
-    if len(named) < len(files):
+    if len(named) < len(files) or any(one in other.parents for one in folders for other in folders):
         raise InputError(source, "names two scenes of one folder", "give every scene a folder of its own")
     return named
 

@@ -11,8 +11,10 @@ import numpy as np
 
 from mmocap_warp.calibration.board.board_cameras import BoardCalibration, calibrate_from_board, detect_board, on_floor
 from mmocap_warp.calibration.board.pattern import Board
+from mmocap_warp.calibration.solve.solution import upright
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.commands.caller import Reporter, arguments_checked
+from mmocap_warp.commands.inputs import scene_from
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.display.overlay import INK, LEFT_COLOUR, PAPER, write_text
 from mmocap_warp.errors import InputError, UsageError
@@ -21,7 +23,7 @@ from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.table import read_calibration, read_lenses
 from mmocap_warp.masks.frames import Frames, as_colour, open_frames
 from mmocap_warp.scene.frame_choice import frames_by_number
-from mmocap_warp.scene.recording import CameraSource
+from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.whole_file import write_whole
 
@@ -39,6 +41,7 @@ def calibrate_board(
     picture: str | Path | None = None,
     known: str | Path | None = None,
     floor: int | None = None,
+    person: Scene | str | Path | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> BoardCalibration:
@@ -53,15 +56,21 @@ def calibrate_board(
         known: a calibration whose lenses are held; its places are not used.
         floor: the number of a frame in which the board lies on the floor, its print up: the world's origin is its first
             corner, z is up. [default: the world is the first camera's]
+        person: a scene, with masks, of somebody who walks before these cameras: the floor is at zero below the walk's
+            middle, z is up. Its own calibration is not used.
         force: replace files that exist.
         reporter: who is told of progress.
 
     Raises:
-        UsageError: no such board.
+        UsageError: no such board, or both ``floor`` and ``person``.
+        UnsolvableError: the person does not show where the floor is.
         InputError: videos that cannot be read, a camera that does not see the board, or cameras that are not in step.
     """
     with arguments_checked():
         pattern = Board.parse(board)
+    if floor is not None and person is not None:
+        raise UsageError("--floor and --person both say where the floor is; give one of them")
+    walk = None if person is None else scene_from(person, calibrated=False)
     file = None if output is None else new_file(output, ".toml", force=force)
     image = None if picture is None else new_file(picture, ".png", force=force)
     sources = _sources([Path(video) for video in ([videos] if isinstance(videos, str | Path) else videos)])
@@ -69,22 +78,19 @@ def calibrate_board(
     lenses = None if known is None else _lenses(Path(known), names, sizes)
     # The same moments of all cameras.
     count = min(len(frames) for frames, _ in sources.values())
-    numbers = range(0, count, max(1, -(-count // _MAX_FRAMES)))
-    if floor is not None:
-        if not 0 <= floor < count:
-            raise UsageError(f"--floor = {floor} is not in 0 to {count - 1}")
-        moments = sorted({*numbers, floor})
-    else:
-        moments = list(numbers)
+    if floor is not None and not 0 <= floor < count:
+        raise UsageError(f"--floor = {floor} is not in 0 to {count - 1}")
+    moments = sorted({*range(0, count, max(1, -(-count // _MAX_FRAMES))), *([] if floor is None else [floor])})
     detections = []
     with (reporter or Reporter()).stage("board") as progress:
         for k, (frames, source) in enumerate(sources.values()):
-            images = _images(frames, source, moments)
-            detections.append(detect_board(images, pattern))
+            detections.append(detect_board(_images(frames, source, moments), pattern))
             progress((k + 1) * len(moments), len(sources) * len(moments))
     found = calibrate_from_board(names, sizes, detections, pattern, lenses)
     if floor is not None:
         found = replace(found, rig=on_floor(found, detections, pattern, moments.index(floor)))
+    if walk is not None:
+        found = replace(found, rig=upright(found.rig, walk))
     if file is not None:
         write_toml_rig(file, found.rig)
     if image is not None:
@@ -134,11 +140,12 @@ def _images(frames: Frames, source: CameraSource | None, moments: list[int]) -> 
 def board_picture(found: BoardCalibration) -> np.ndarray:
     """The corners in the image of each camera, with their residuals magnified, BGR."""
     views = []
-    for k, name in enumerate(found.rig.names):
-        width, height = found.rig.size[k]
-        scale = _WIDTH / width
-        canvas = np.full((round(height * scale), _WIDTH, 3), PAPER, np.uint8)
-        cv2.rectangle(canvas, (0, 0), (_WIDTH - 1, len(canvas) - 1), (90, 90, 90), 1)
+    scales = _WIDTH / found.rig.size[:, 0]
+    heights = np.rint(scales * found.rig.size[:, 1]).astype(int)
+    for k, (name, scale) in enumerate(zip(found.rig.names, scales, strict=True)):
+        canvas = np.zeros((heights.max(), _WIDTH, 3), np.uint8)
+        canvas[: heights[k]] = PAPER
+        cv2.rectangle(canvas, (0, 0), (_WIDTH - 1, int(heights[k]) - 1), (90, 90, 90), 1)
         for point, residual in zip(found.points[k], found.residuals[k], strict=True):
             start = np.rint(point * scale).astype(int).tolist()
             end = np.rint((point + _MAGNIFIED * residual) * scale).astype(int).tolist()
@@ -146,8 +153,6 @@ def board_picture(found: BoardCalibration) -> np.ndarray:
             cv2.circle(canvas, start, 1, INK, -1)
         write_text(canvas, f"{name}: {found.rms[k]:.2f} px, covers {100 * found.coverage[k]:.0f} %", (8, 8))
         views.append(canvas)
-    tall = max(map(len, views))
-    views = [cv2.copyMakeBorder(view, 0, tall - len(view), 0, 0, cv2.BORDER_CONSTANT) for view in views]
     columns = int(np.ceil(np.sqrt(len(views))))
     views += [np.zeros_like(views[0])] * (-len(views) % columns)
     return np.vstack([np.hstack(views[at : at + columns]) for at in range(0, len(views), columns)])

@@ -39,7 +39,7 @@ from mmocap_warp.rigging.shipped import DEFAULT_BODY, body_file
 from mmocap_warp.rigging.start_poses import start_poses as named_start_poses
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking import frame_loop, mending
-from mmocap_warp.tracking.pins import read_pins
+from mmocap_warp.tracking.pins import Pins, read_pins
 from mmocap_warp.tracking.track_config import REFINE, TrackConfig
 
 _UNDECIDED = {
@@ -311,7 +311,7 @@ def _again(
     if refined is not None and path is not None and (kept := path.with_name(refined)).exists():
         rig = read_calibration(kept, None, loaded.calibrated.up, None).select(loaded.calibrated.names)
         loaded = loaded.with_cameras(rig, load_toml(kept).take_table("metadata").take("offsets", dict))
-    clicked = None if pins is None else read_pins(pins, result, loaded.calibrated)
+    clicked = Pins.none() if pins is None else read_pins(pins, result, loaded.calibrated)
     with reporter.stage("mend", None):
         mended = mending.mended(loaded, result, own, clicked, span)
     changed = mended.config.get("mended", [])[len(result.config.get("mended", [])) :]

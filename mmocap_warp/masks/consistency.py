@@ -46,12 +46,12 @@ class Consistency:
         if len(seen) < _MIN_VIEWS:
             return masks
         if self._small is None:
-            pixels_per_metre = np.median(self._rig.K[:, 0, 0] / _depths(self._rig, masks, seen))
+            pixels_per_metre = np.median(self._rig.K[:, 0, 0] / _depths(self._rig, masks))
             self._small = self._rig.undistorted(float(min(1.0, _PIXELS_PER_METRE / max(pixels_per_metre, 1e-9))))
         small = [_resized(mask, size) for mask, size in zip(masks, self._small.size, strict=True)]
         if not all(small[k].any() for k in seen):
             return masks
-        depth = _depths(self._small, small, seen)
+        depth = _depths(self._small, small)
         if (depth[seen] <= 0).any():
             return masks
         views = _Views(self._small, small, seen, depth)
@@ -150,9 +150,9 @@ class _Views:
         return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (pixels, pixels))
 
 
-def _depths(rig: CameraRig, masks: list[np.ndarray], seen: list[int]) -> np.ndarray:
+def _depths(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
     """(camera,) depth of the subject in each camera [m]."""
-    subject = meeting_point(rig.select(tuple(rig.names[k] for k in seen)), [masks[k] for k in seen])
+    subject = meeting_point(rig, masks)
     return np.asarray((rig.R @ subject + rig.t)[:, 2])
 
 

@@ -51,6 +51,7 @@ class VideoFile:
     size: tuple[int, int]  # width and height [px]
     fps: float  # frames per second that the file says it has
     channel: int | None = None  # the one of blue, green and red, 0 to 2, that is read; None for all
+    turned: int = 0  # degrees by which its images are turned clockwise when they are read: the file says so
     soft = True
 
     def __len__(self) -> int:
@@ -126,13 +127,14 @@ def open_video(path: Path) -> VideoFile:
         size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         fps = float(capture.get(cv2.CAP_PROP_FPS))
         count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        turned = int(capture.get(cv2.CAP_PROP_ORIENTATION_META))
         if count <= 0:  # a container without an index: count by decoding
             count = 1
             while _next_frame(capture, False)[0]:
                 count += 1
     finally:
         capture.release()
-    return VideoFile(path, count, size, fps)
+    return VideoFile(path, count, size, fps, turned=turned)
 
 
 def _next_frame(capture: cv2.VideoCapture, decoded: bool) -> tuple[bool, np.ndarray | None]:

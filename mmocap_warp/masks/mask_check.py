@@ -119,7 +119,7 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     if len(seen) < 2:
         return explained, covered, np.nan
-    subject = meeting_point(rig.select(tuple(rig.names[k] for k in seen)), [masks[k] for k in seen])
+    subject = meeting_point(rig, masks)
     hit, possible = _votes(rig, masks, subject)
     for k in seen if len(seen) > 2 else ():
         others = [j for j in seen if j != k]

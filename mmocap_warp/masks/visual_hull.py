@@ -64,9 +64,12 @@ def visual_hull(rig: CameraRig, observation: Observation, spacing: float = 0.03,
 def meeting_point(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
     """(3,), the point nearest to all rays through the masks' centroids [m], least squares with one reweighting.
 
-    The reweighting (Cauchy, 0.3 m) keeps one camera with a wrong mask from pulling the point away.
+    The reweighting (Cauchy, 0.3 m) keeps one camera with a wrong mask from pulling the point away. Empty masks have no
+    part in it.
     """
-    return meeting_point_of(rig, np.array([mask_centroid(mask) for mask in masks]))
+    seeing = [k for k, mask in enumerate(masks) if mask.any()]
+    centroids = np.array([mask_centroid(masks[k]) for k in seeing])
+    return meeting_point_of(rig.select(tuple(rig.names[k] for k in seeing)), centroids)
 
 
 def mask_centroid(mask: np.ndarray) -> tuple[float, float]:
@@ -158,7 +161,7 @@ def repair_masks(rig: CameraRig, masks: list[np.ndarray]) -> list[np.ndarray]:
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     if len(seen) < 3:
         return list(masks)
-    subject = meeting_point(rig.select(tuple(rig.names[k] for k in seen)), [masks[k] for k in seen])
+    subject = meeting_point(rig, masks)
     others = [[j for j in seen if j != k] for k in range(len(masks))]
     return [_repair(rig, masks, k, others[k], subject) if k in seen else mask for k, mask in enumerate(masks)]
 

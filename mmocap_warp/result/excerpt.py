@@ -113,7 +113,7 @@ def stood_up(result: Result, up: str) -> Result:
         raise ValueError(f"up must be one of {UP_AXES}, got {up!r}")
     if up == result.cameras.up:
         return result
-    turn = _turn(result.cameras.up, up)
+    turn = quarter_turn(result.cameras.up, up)
 
     def turned(pose: np.ndarray) -> np.ndarray:
         """Poses (..., coordinate): the root's place is in the world's axes, its angles are in the body's."""
@@ -130,7 +130,7 @@ def stood_up(result: Result, up: str) -> Result:
     )
 
 
-def _turn(up: str, new: str) -> np.ndarray:
+def quarter_turn(up: str, new: str) -> np.ndarray:
     """(3, 3) rotation by quarter turns that takes one signed axis to another."""
     source, target = axis_vector(up), axis_vector(new)
     across = np.cross(source, target)

@@ -19,6 +19,7 @@ from mmocap_warp.result.result import STATUS, Result
 _MAX_SHIFT = 0.015  # metres by which a view may lie beside a person. Sound recordings have up to .007
 _WRONG_SHIFT = 0.035  # metres from which nothing is trusted: a camera that is off by 1 degree has .05
 _FEW_VIEWS = 3  # up to which any disagreement is too much: the body gives way to a camera that is far off
+_HOLDING_SHARE = 0.5  # of the cameras that must agree with the body: where fewer do, none of them holds it
 _NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one that is wrong
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
 _MIN_VIEWS = 2  # views that must see somebody in a frame
@@ -30,7 +31,8 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
 
     ``frames`` counts those that show anything new, and ``trusted`` those of them that are ``tracked`` or ``rescued``,
     or ``partial`` with no part of the body in doubt, in two views or more. None is where a camera is over 35 mm off,
-    15 of three, or where there is a ``problem``: masks and calibration fit no body, and were trusted all the same.
+    15 of three or where most are, or where there is a ``problem``: masks and calibration fit no body, and were trusted
+    all the same.
     ``holds`` says whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over 100 mm
     off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how many
     frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while the
@@ -49,12 +51,14 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     good &= np.isfinite(result.iou[best]).sum(axis=1) >= _MIN_VIEWS
     # Cameras, in the middle of these frames.
     cameras: dict[str, float] = {}
+    held = len(result.cameras) > _FEW_VIEWS
     if result.view_shift is not None and good.any():
         middle = np.nan_to_num(nanmedian(result.view_shift[best][good]))
         if middle.max() > _MAX_SHIFT * size:
             worst = [k for k in np.argsort(-middle) if middle[k] > _NAMED_SHARE * middle.max()]
             cameras = {result.cameras.names[k]: 1000 * float(middle[k]) for k in worst}
-    wrong = _WRONG_SHIFT if len(result.cameras) > _FEW_VIEWS else _MAX_SHIFT
+            held &= bool(np.mean(middle[middle > 0] <= _MAX_SHIFT * size) >= _HOLDING_SHARE)
+    wrong = _WRONG_SHIFT if held else _MAX_SHIFT
     off = max(cameras.values(), default=0.0) > 1000 * wrong * size
     frozen = {name: np.intersect1d(each, numbers) for name, each in result.config.get("frozen_views", {}).items()}
     problem, repeated = result.config.get("trusted_cameras"), int((status == "repeated").sum())

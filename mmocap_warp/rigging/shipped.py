@@ -19,6 +19,7 @@ from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.scenes import ROOT
 
 _FOLDERS = ("bodies", "characters")  # folders of people, and of other bodies
+_LEARNT_DEPARTURE = 2.0  # of the people that factors were learnt on, at most
 
 DEFAULT_BODY = "adult_man"
 """Where a fit starts if nobody says."""
@@ -65,8 +66,11 @@ class DeviationFactors:
         return np.concatenate([np.ones(TRANSLATION), self.angle.ravel()])
 
 
-def deviation_factors(body: BodyModel) -> DeviationFactors | None:
+def deviation_factors(body: BodyModel, departure: float = 1.0) -> DeviationFactors | None:
     """The factors of a shipped body, and of bodies that were fitted from it; None where none were learned.
+
+    The people that they were learnt on depart from the family by twice its standard deviations at most. Of a body with
+    a larger ``departure`` they say less, and are the nearer to one.
 
     They stand beside the shipped bodies, in ``<name>.deviations.toml``, which says what it was made with.
     """
@@ -80,4 +84,5 @@ def deviation_factors(body: BodyModel) -> DeviationFactors | None:
         return None  # another body of that name
     as_stated = {name: [1.0, 1.0, 1.0] for name in skeleton.attached}  # of what is attached nothing was learnt
     factors = ([(of | as_stated)[name] for name in skeleton.joints] for of in (joint, angle))
-    return DeviationFactors(*(np.array(each, float) for each in factors))
+    known = min(1.0, _LEARNT_DEPARTURE / departure)
+    return DeviationFactors(*(np.array(each, float) ** known for each in factors))

@@ -24,6 +24,7 @@ _LONGER_SIDE = 720  # pixels
 _MIN_UPRIGHT = 0.8  # share of the images' vertical that is along the world's if cameras stand upright
 _MAX_BAR_LEVEL = 30.0  # gray levels, of a black bar's brightest row
 _MIN_BAR_STEP = 20.0  # gray levels, by which the picture beside a black bar is brighter
+_UNLIKE_LEVELS = 1.6  # ratio of mean gray levels from which exposures differ: somewhat over a stop
 
 
 @dataclass
@@ -50,6 +51,11 @@ class _Media:
     @cached_property
     def frames(self) -> dict[str, Frames]:
         return {name: open_frames(path) for name, path in (self.masks | self.video).items()}
+
+    @cached_property
+    def first_images(self) -> dict[str, np.ndarray]:
+        """Of each camera's frames, BGR."""
+        return {name: as_colour(next(frames.read())) for name, frames in self.frames.items()}
 
     @cached_property
     def fps(self) -> float | None:
@@ -105,6 +111,7 @@ def draft_scene(folder: Path) -> Draft:
         )
     if left_out := [name for name in names if name not in draft.cameras]:
         draft.missing.append(f"videos of {', '.join(left_out)}, which the calibration has: the scene leaves them out")
+    _note_exposures(draft, media)
     # The file, a block for each table.
     blocks = [
         _head(draft, folder),
@@ -115,6 +122,18 @@ def draft_scene(folder: Path) -> Draft:
     ]
     draft.text = "\n\n".join("\n".join(lines) for lines in blocks) + "\n"
     return draft
+
+
+def _note_exposures(draft: Draft, media: _Media) -> None:
+    """Say which cameras are much darker or brighter than the others in their first images."""
+    level = {name: float(image.mean()) for name, image in media.first_images.items() if name in media.video}
+    usual = float(np.median([*level.values()])) if level else 0.0
+    for name, own in level.items():
+        if max(own, usual) > _UNLIKE_LEVELS * min(own, usual):
+            than = (
+                f"{'darker' if own < usual else 'brighter'} than the others (mean gray {own:.0f}, theirs {usual:.0f})"
+            )
+            draft.found.append(f"{name} is {than}: look whether its masks are as good; expose all cameras alike")
 
 
 def _sizes(media: list[Medium], found: CalibrationFile) -> dict[str, tuple[int, int]]:
@@ -213,6 +232,8 @@ def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media:
     for key in ("video", "masks", "background", "clean_plate"):
         if name in (take := getattr(media, key)):
             lines.append(f"{key} = {quoted_path(take[name], folder)}")
+    if turned := getattr(frames, "turned", 0):
+        draft.found.append(f"{frames.path} says that its images are turned by {turned} degrees, and so they are read")
     if own_rate := media.others_rate(name):
         lines.append(f"# fps = {own_rate:g}   # its own rate: without the first #, its frames are taken by time")
         draft.missing.append(
@@ -220,15 +241,19 @@ def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media:
             f"{own_rate:g} under [cameras.{name}] to take its frames by time"
         )
     if rig is not None:
-        lines += _placement(draft, name, frames, rig.size[rig.names.index(name)])
+        lines += _placement(draft, name, frames, rig.size[rig.names.index(name)], media.first_images[name])
     return lines
 
 
-def _placement(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray) -> list[str]:
-    """How the calibrated image lies in a recorded one of another size, as far as the recorded one tells."""
-    recorded = np.array(frames.size)
+def _placement(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray, image: np.ndarray) -> list[str]:
+    """How the calibrated image lies in a recorded one of another size, as far as the recorded ``image`` tells."""
+    recorded, turned = np.array(frames.size), getattr(frames, "turned", 0)
     if (recorded == calibrated).all():
         return []
+    if turned and (recorded[::-1] == calibrated).all():
+        step = f"ffmpeg -display_rotation 0 -i {frames.path.name} -c copy NEW{frames.path.suffix}"
+        draft.missing.append(f"{frames.path} without its rotation, of which the calibration knows nothing: {step}")
+        return ["# MISSING: turned as the file says; the calibration is of images that are not."]
     sizes = "{}x{}, the calibration {}x{}".format(*recorded, *calibrated)
     scale = float((recorded / calibrated).min())
     bars = (recorded - scale * calibrated) / 2
@@ -237,7 +262,7 @@ def _placement(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray) 
     if bars.max() < 0.5:
         draft.found.append(f"{frames.path} is {sizes}, of one shape: taken to be the whole image, scaled")
         return [f"# {sizes}: taken to be scaled.", placed]
-    if _has_bars(frames, bars):
+    if _has_bars(image, bars):
         draft.found.append(f"{frames.path} is {sizes}: taken to be the whole image, scaled, with black bars")
         return [f"# {sizes}: scaled, between black bars.", placed]
     draft.missing.append(
@@ -247,9 +272,9 @@ def _placement(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray) 
     return [f"# MISSING: {sizes}. If it was scaled and then cut or padded alike on both sides:", f"# {placed}"]
 
 
-def _has_bars(frames: Frames, bars: np.ndarray) -> bool:
-    """Whether the first frame has dark bars where a scaled image would leave them, and nowhere further in."""
-    gray = as_colour(next(frames.read())).mean(axis=2)
+def _has_bars(image: np.ndarray, bars: np.ndarray) -> bool:
+    """Whether an image has dark bars where a scaled one would leave them, and nowhere further in."""
+    gray = image.mean(axis=2)
     rows = gray if bars[1] > bars[0] else gray.T
     width = int(bars.max())
     if width < 2:

@@ -109,14 +109,15 @@ def draw_masks(
     """
     height = min(_VIEW_HEIGHT, max(mask.shape[0] for mask in masks))
     views = []
-    for mask, image, old in zip(masks, images, before or masks, strict=True):
-        view = np.full((*mask.shape, 3), 40, np.uint8) if image is None else image.copy()
+    for image, *pair in zip(images, masks, before or masks, strict=True):
+        size = (max(1, round(pair[0].shape[1] * height / pair[0].shape[0])), height)
+        shape = (*size[::-1], 3)
+        view = np.full(shape, 40, np.uint8) if image is None else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        mask, old = (cv2.resize(each.view(np.uint8), size, interpolation=cv2.INTER_NEAREST).view(bool) for each in pair)
         for part, tint in ((mask, _TINT), (mask & ~old, _ADDED), (old & ~mask, _TAKEN)):
             view[part] = view[part] // 2 + tint // 2
-        contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(view, contours, -1, _TINT.tolist(), 1)
-        size = (max(1, round(view.shape[1] * height / view.shape[0])), height)
-        views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
+        contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        views.append(cv2.drawContours(view, contours, -1, _TINT.tolist(), 1))
     return np.concatenate(views, axis=1)
 
 

@@ -302,9 +302,11 @@ class Scene:
 
     def _hidden(self, scale: float, first: int) -> Iterator[list[np.ndarray]]:
         """Per camera (height, width) bool, what may be in front of the person, of all frames from ``first`` on."""
-        frames = self._numbers(first, None)
-        streams = [self._labelled(k, scale, frames, source.in_front) for k, source in enumerate(self.cameras)]
-        sizes = self.rig(scale).size
+        frames, sizes = self._numbers(first, None), self.rig(scale).size
+        streams = [
+            self._raw_masks(k, scale, frames, source.in_front) if source.in_front else repeat(None, len(frames))
+            for k, source in enumerate(self.cameras)
+        ]
         for views in zip(*streams, strict=True):
             empty = (np.zeros((height, width), bool) for width, height in sizes)
             yield [nothing if view is None else view for view, nothing in zip(views, empty, strict=True)]
@@ -334,29 +336,43 @@ class Scene:
                 if frame in wanted:
                     yield repair_masks(rig, kept) if self.foreground.repair else kept
 
-    def _raw_masks(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
+    def _raw_masks(
+        self, k: int, scale: float, frames: range, labels: tuple[int, ...] = ()
+    ) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
         source = self.cameras[k]
         if self.foreground.source == "masks":
-            own = (source.label or self.foreground.identity,)
-            everybody = tuple(person.labels[k] for person in self.people.values())
-            yield from self._labelled(k, scale, frames, own if self.person or not everybody else everybody)
+            make = self.mask_maker(k, scale, labels)
+            for image in frames_by_number(source.masks, map(source.mask_number, frames)):
+                yield None if image is None else make(image)
             return
         if self.foreground.source == "program":
             raise InputError(self.path, "its masks are not made yet", "make them with mmocap mask, and track these")
         yield from self._subtracted_once(k, scale, frames)
 
-    def _labelled(self, k: int, scale: float, frames: range, labels: tuple[int, ...]) -> Iterator[np.ndarray | None]:
-        """Where camera ``k``'s given masks show objects of some labels, undistorted; None where it has no frame."""
-        source = self.cameras[k]
-        mark, soft = source.mask_mark, source.masks is not None and source.masks.soft
-        resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
-        for image in frames_by_number(source.masks, map(source.mask_number, frames)):
-            if image is None or not labels:
-                yield None
-                continue
-            shown = [decode_mask(image, label, soft) for label in labels]
-            yield resample.mask(shown[0] if len(shown) == 1 else np.logical_or.reduce(shown))
+    def mask_maker(self, k: int, scale: float = 1.0, labels: tuple[int, ...] = ()) -> Callable[[Any], np.ndarray]:
+        """What makes masks of camera ``k``'s images: (height, width) bool, undistorted but as read or subtracted.
+
+        Given masks show the objects of ``labels``; without any, who is tracked, or everybody where nobody is chosen.
+
+        Raises:
+            InputError: a background that turns out unreadable.
+        """
+        source, mark, settings = self.cameras[k], self.cameras[k].mask_mark, self.foreground
+        if settings.source == "masks":
+            resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
+            soft = source.masks is not None and source.masks.soft
+            everybody = () if self.person else tuple(person.labels[k] for person in self.people.values())
+            labels = labels or everybody or (source.label or settings.identity,)
+            return lambda image: resample.mask(
+                np.logical_or.reduce([decode_mask(image, label, soft) for label in labels])
+                if len(labels) > 1
+                else decode_mask(image, labels[0], soft)
+            )
+        to_pinhole, examples = self._undistortion(k, scale), source.background_examples(settings.source)
+        images = (to_pinhole.image(as_colour(image)) for image in examples.read())
+        background = learn_background(images, len(examples), settings)
+        return lambda image: background.foreground(to_pinhole.image(as_colour(image)))
 
     def _subtracted_once(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s subtracted masks, stored beside the scene once they have been made for all of its frames."""
@@ -387,12 +403,9 @@ class Scene:
         return json.dumps(made_from | {name: getattr(settings, name) for name in SUBTRACTION})
 
     def _subtracted(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
-        source, resample = self.cameras[k], self._undistortion(k, scale)
-        examples = source.background_examples(self.foreground.source)
-        images = (resample.image(as_colour(image)) for image in examples.read())
-        background = learn_background(images, len(examples), self.foreground)
-        for image in frames_by_number(source.video, map(source.number, frames)):
-            yield None if image is None else background.foreground(resample.image(as_colour(image)))
+        make = self.mask_maker(k, scale)
+        for image in frames_by_number(self.cameras[k].video, map(self.cameras[k].number, frames)):
+            yield None if image is None else make(image)
 
     def images(self, scale: float = 1.0, first: int = 0, count: int | None = None) -> Iterator[list[np.ndarray | None]]:
         """Undistorted BGR images, pixel for pixel as the masks; None for a camera without video or frame."""

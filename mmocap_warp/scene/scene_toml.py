@@ -50,6 +50,7 @@ def load_scene(
     masks: bool = True,
     calibrated: bool = True,
     source: str | None = None,
+    live: bool = False,
 ) -> Scene:
     """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
 
@@ -64,6 +65,7 @@ def load_scene(
             particular.
         source: instead of the scene's own [foreground] source: ``"program"``, or ``"subtraction"`` for the best of the
             backgrounds that the scene has.
+        live: what is tracked comes from elsewhere: no video and no masks must be there, only what is subtracted.
 
     Raises:
         ValueError: ``frames`` that the recording does not have.
@@ -112,7 +114,8 @@ def load_scene(
         kinds = (kind for kind in BACKGROUNDS if all(getattr(each, need) for each in sources for need in _IMAGES[kind]))
         foreground = replace(foreground, source=next(kinds, "recording"))
     named_people = read_people(people, sources, foreground, path)
-    _check_sources(sources, rig, foreground, cameras, named_people, masks, undistorted_with=calibration is not None)
+    needs = [each for each in _IMAGES[foreground.source] if not (live and each in ("video", "masks"))] if masks else []
+    _check_sources(sources, rig, foreground, cameras, named_people, needs, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
         path=path,
@@ -184,12 +187,11 @@ def _check_sources(
     foreground: ForegroundSettings,
     table: Table,
     people: dict[str, Person],
-    masks: bool,
+    needs: list[str],
     undistorted_with: bool,
 ) -> None:
     if foreground.repair and len(sources) < 3:
         raise table.error(f"repair needs at least 3 cameras, this scene has {len(sources)}", "set repair = false")
-    needs = _IMAGES[foreground.source] if masks else ()
     for k, source in enumerate(sources):
         where = f"{table.source}: [cameras.{source.name}]"
         # Every camera has the images that masks are made from,
@@ -208,7 +210,7 @@ def _check_sources(
         if foreground.source == "masks" and source.masks is not None and not people:
             _check_masks(source.masks, source.label or foreground.identity)
 
-    for name, person in people.items() if masks else ():
+    for name, person in people.items() if "masks" in needs else ():
         of_views = [(source.masks, person.labels[k]) for k, source in enumerate(sources) if source.masks is not None]
         shown = [decode_mask(image, label).any() for masks, label in of_views for image in masks.sample(_SAMPLES)]
         if not any(shown):

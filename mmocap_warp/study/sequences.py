@@ -121,7 +121,7 @@ PLANS = _stored_plans("plans")
 FURTHER_PLANS = _stored_plans("further_plans")
 """Clips beyond the nine, in no table of the study: people who turn fast, and people unlike the tracker's bodies."""
 
-CLIP_PLANS: Mapping[str, SequencePlan] = {**PLANS, **FURTHER_PLANS}
+CLIP_PLANS: dict[str, SequencePlan] = {**PLANS, **FURTHER_PLANS}
 """Of all that is made by name."""
 
 
@@ -167,6 +167,9 @@ def clip_sequence(
 
 class MadeSequences(UserDict[str, Any]):
     """Sequences by name, each made from its plan when it is first asked for."""
+
+    def __init__(self, plans: dict[str, SequencePlan]) -> None:
+        self.data = plans
 
     def __getitem__(self, name: str) -> StudySequence:
         return _made(name, self.data[name])

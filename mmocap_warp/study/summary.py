@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -39,23 +41,11 @@ class Measure:
         return -1 if self.higher_is_better else 1
 
 
-MEASURES: tuple[Measure, ...] = (
-    Measure("mpjpe", "MPJPE", "mm", 1000.0, 1),
-    Measure("eq20_as_printed", "Marker error (Eq. 20 as printed)", "mm", 1000.0, 1),
-    Measure("marker_error", "Marker error (Eq. 20 from own answer)", "mm", 1000.0, 1),
-    Measure("cost", "Fitness (Eq. 5)", "", 1.0, 4),
-    Measure("joint_error", "HumanEva joint error", "mm", 1000.0, 1),
-    Measure("pa_mpjpe", "PA-MPJPE", "mm", 1000.0, 1),
-    Measure("iou", "Overlap (IoU)", "", 1.0, 3, higher_is_better=True),
-    Measure("limb_lost", "Frames with a lost limb", "%", 100.0, 1, per_frame=False),
-    Measure("shake", "Shake at 60 Hz", "mm", 1000.0, 2, per_frame=False),
-    Measure("growth", "Growth of MPJPE", "", 1.0, 2, per_frame=False),
-    Measure("jerk", "Jerk", "m/s³", 1.0, 0, per_frame=False),
-    Measure("foot_slide", "Foot slide", "mm/s", 1000.0, 0, per_frame=False),
-)
-"""The first that a study knows is the one that it is judged by: MPJPE, which needs no first pose to start from."""
+_LISTED: dict[str, list] = tomllib.loads(files(__package__).joinpath("measures.toml").read_text("utf-8"))
+MEASURE_OF = {key: Measure(key, *of) for key, of in _LISTED.items()}
 
-MEASURE_OF = {measure.key: measure for measure in MEASURES}
+MEASURES: tuple[Measure, ...] = tuple(MEASURE_OF.values())
+"""The first that a study knows is the one that it is judged by."""
 
 EQ_20 = ("eq20_as_printed", "marker_error")
 """The two readings of the paper's Eq. 20, see :mod:`mmocap_warp.result.marker_errors`."""

@@ -127,6 +127,12 @@ class ContourState(TrackState):
         known: np.ndarray = (self.overlap_levels > 0).sum(axis=1) >= _LEAST_FRAMES
         return known
 
+    def settled(self) -> ContourState:
+        """The state as if the last frame had come often enough for its overlap to be the usual one."""
+        overlaps, outlines = self.overlap_levels.copy(), self.exposed_outlines.copy()
+        overlaps[:, -_LEAST_FRAMES:], outlines[:, -_LEAST_FRAMES:] = overlaps[:, -1:], outlines[:, -1:]
+        return replace(self, overlap_levels=overlaps, exposed_outlines=outlines)
+
     @property
     def _usual_overlap(self) -> np.ndarray:
         """(run,) float32 median of the remembered overlaps, of all runs at once; infinite where none is remembered."""

@@ -69,6 +69,8 @@ class ContourTracker:
     Attributes:
         device: the Warp device.
         search: what finds starts for the contours; None where there is no search.
+        search_interval: frames from one that may be searched for to the next. Where that is more than one, frames are
+            that are lost, and not those that only fall short.
 
     Raises:
         ValueError: the body has no model with so many degrees of freedom, or its tracking mesh is not closed.
@@ -86,6 +88,7 @@ class ContourTracker:
         candidates = config.runs * starts_per_run(config)
         self._fitter = make_fitter(subject, rig, config, candidates)
         self._judge = make_objective(subject, rig, config, candidates)
+        self.search_interval = 1
         self._root_frame = RootFrame(subject, search_limits(subject, config), candidates, self.device)
         descent, judge = self._fitter.descent, self._judge
         self._answers = Download([descent.best, descent.tally, judge.cost, judge.count])
@@ -125,7 +128,9 @@ class ContourTracker:
             answer, evaluations = self._best_fit(starts, observation, _STEPS_FAR), self.search.evaluations
         else:
             answer = self._best_fit(self._usual_starts(), observation, _STEPS)
-            if self.search and self._falls_short(answer).any():
+            fall = (_SHORT_OVERLAP, _SHORT_EXPOSED) if self.search_interval == 1 else (_LOST_OVERLAP, _LOST_EXPOSED)
+            may = self._state.frame_count % self.search_interval == 0
+            if self.search and (may & self._falls_short(answer, *fall)).any():
                 answer, rescued = self._recovered(self.search, answer, observation)
                 evaluations = self.search.evaluations
 

@@ -1,8 +1,17 @@
-"""Tracking while frames still come: poses are final a few frames after they were seen, and nothing older is kept."""
+"""Tracking while frames still come: poses are final a few frames after they were seen, and nothing older is kept.
+
+:class:`LiveTracker` also answers at once, and leaves solving to a process beside, so that no frame waits for it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import math
+import multiprocessing
+import os
+import queue
+import signal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,18 +22,29 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.contour.clip.clip_problem import LAG, ClipProblem, FixedLag
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.device.resolve import start_quietly
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
+from mmocap_warp.tracking.contour_state import ContourState
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_frames
 from mmocap_warp.tracking.from_settings import make_fitter, search_limits
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.tracker import lost_frame
 
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
+
+_MOST_BEHIND = 32  # frames that may wait to be smoothed; then the next frame waits too, so that memory stays the same
+_NICENESS = 19  # of the process that smooths: where cores are few, the frame that has just come goes first
+_PATIENCE = 1.0  # seconds between looks at whether that process lives
+_SEARCH_INTERVAL = 0.5  # seconds from a search to the next: it takes nearly as long, and frames are dropped meanwhile
+_REHEARSAL = 1.2  # seconds that are tracked before the first frame: all that is done now and then has been done once
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +106,9 @@ def track_live(
 
 
 class _Window:
-    """The frames that are not final yet."""
+    """The frames that are not final yet; ``first`` is the number of the first frame."""
 
-    def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float) -> None:
+    def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float, first: int = 0) -> None:
         skeleton = subject.body.skeleton
         searched, limits = skeleton.searched(config.dof), search_limits(subject, config)
         rooting = Rooting(skeleton, subject.root_base, searched, limits)
@@ -96,12 +116,12 @@ class _Window:
         self._fitter = make_fitter(subject, cameras, config, LAG, frames=LAG)
         self._poser = Poser(subject.body, subject.root_base)
         self._answers: list[FrameAnswer] = []
-        self._first = 0  # number of the first of these
+        self._first = first  # number of the first of these
         self._tracked_before = np.zeros(config.runs, bool)
         self._rooting = rooting
         self._last_angles = np.tile(subject.pose[ROOT_ANGLES], (config.runs, 1))
         self._lags = [
-            FixedLag(ClipProblem(partial(self._linearise, run), rooting, points, fps), config.acceleration)
+            FixedLag(ClipProblem(partial(self._linearise, run), rooting, points, fps), config.acceleration, first)
             for run in range(config.runs)
         ]
 
@@ -142,12 +162,125 @@ class _Window:
             between = ~tracked[i] & self._tracked_before & tracked[i:].any(axis=0)
             self._tracked_before |= tracked[i]
             status = np.where(between, _INTERPOLATED, answer.status)
-            yield LiveFrame(
-                number=self._first,
-                pose=poses[:, i],
-                raw_pose=answer.pose.astype(float),
-                joints=self._poser.joint_transforms(poses[:, i])[:, :, :3, 3].astype(float),
-                iou=answer.iou,
-                status=tuple(STATUS[each] for each in status),
-            )
+            yield _live_frame(self._poser, self._first, poses[:, i], answer, status)
             self._first += 1
+
+
+def _live_frame(
+    poser: Poser, number: int, pose: np.ndarray, answer: FrameAnswer, status: int | np.ndarray
+) -> LiveFrame:
+    joints = poser.joint_transforms(pose)[:, :, :3, 3].astype(float)
+    names = tuple(STATUS[each] for each in np.broadcast_to(status, len(pose)))
+    return LiveFrame(number, pose, answer.pose.astype(float), joints, answer.iou, names)
+
+
+class LiveTracker:
+    """Tracks a subject while frames come, until it is closed.
+
+    Frames that are left out count as frames in which nobody is seen. After more than ten of them smoothing begins
+    anew. The same frames get the same answers, however fast they come. A script that makes a tracker does so below
+    ``if __name__ == "__main__"``: the process that smooths imports it.
+
+    Args:
+        subject: the body, and the pose to start from.
+        cameras: undistorted, at the masks' size: ``scene.rig(scale)``.
+        fps: frames a second.
+        config: settings.
+
+    Raises:
+        ValueError: ``smooth`` is 0.
+        InputError: more than fits into the device's memory, or the tracking mesh is not closed.
+    """
+
+    def __init__(self, subject: Subject, cameras: CameraRig, fps: float, config: TrackConfig) -> None:
+        if not config.acceleration:
+            raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
+        self._tracker = make_tracker(subject, cameras, config, fps)
+        if isinstance(self._tracker, ContourTracker):
+            self._tracker.search_interval = max(2, round(_SEARCH_INTERVAL * fps))
+        self._poser = Poser(subject.body, subject.root_base)
+        context = multiprocessing.get_context("spawn")  # a fork would not survive CUDA
+        self._frames, self._solved = context.Queue(_MOST_BEHIND), context.Queue()
+        self._frames.cancel_join_thread()  # else what nobody takes any more would keep this process from ending
+        given = self._frames, self._solved, subject, cameras, replace(config, threads=1), fps
+        self._process = context.Process(target=_smooth, args=given, daemon=True)
+        self._process.start()
+        # Rehearse with the body where it is taken to be.
+        state, (vertices,) = self._tracker.state, self._poser.tracking_vertices(subject.pose)
+        seen = silhouettes(cameras, vertices, subject.body.tracking_face)
+        self._begun = False
+        for number in range(math.ceil(_REHEARSAL * fps)):
+            self.step(number, seen)
+        for _ in self.rest():
+            pass
+        self._tracker.state, self._begun = state, False
+
+    def close(self) -> None:
+        """End the process that smooths."""
+        self._process.terminate()
+        self._process.join()
+
+    def step(self, number: int, masks: Sequence[np.ndarray]) -> LiveFrame:
+        """Track a frame, whose number is above the last, by (height, width) bool masks; no later frame has a say."""
+        observation = Observation.from_masks(list(masks))
+        answer = self._tracker.step(observation)
+        if not self._begun and isinstance(state := self._tracker.state, ContourState):
+            self._tracker.state = state.settled()  # else the next frames would be searched for too, which takes long
+        self._begun = True
+        self._patiently(partial(self._frames.put, (number, observation, answer)))
+        return _live_frame(self._poser, number, answer.pose.astype(float), answer, answer.status)
+
+    def smoothed(self) -> Iterator[LiveFrame]:
+        """The frames whose smoothed answers have come since."""
+        with suppress(queue.Empty):
+            while True:
+                yield self._solved.get_nowait()
+
+    def rest(self) -> Iterator[LiveFrame]:
+        """The smoothed answers that are missing, once no frame will come."""
+        self._patiently(partial(self._frames.put, None))
+        yield from iter(partial(self._patiently, self._solved.get), None)
+
+    def _patiently(self, act: Callable[..., Any]) -> Any:
+        """Do what may have to wait for the process that smooths; a RuntimeError if that is dead."""
+        while True:
+            with suppress(queue.Empty, queue.Full):
+                return act(timeout=_PATIENCE)
+            if not self._process.is_alive():
+                raise RuntimeError(f"the process that smooths ended with exit code {self._process.exitcode}")
+
+
+def _smooth(frames: Any, solved: Any, *about: Any) -> None:
+    """Smooth frames as they are handed on, up to a None, which is handed back after them; until the parent is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
+    start_quietly()
+
+    def next_frame() -> Any:
+        while (parent := multiprocessing.parent_process()) and parent.is_alive():
+            with suppress(queue.Empty):
+                return frames.get(timeout=_PATIENCE)
+        os._exit(1)
+
+    while True:
+        for frame in _smoothed(iter(next_frame, None), *about):
+            solved.put(frame)
+        solved.put(None)
+
+
+def _smoothed(frames: Iterable[tuple[int, Observation, FrameAnswer]], *about: Any) -> Iterator[LiveFrame]:
+    """The smoothed answers to frames, each a number, what was seen and what was found at once."""
+    window, expected, before = None, 0, np.empty(0)
+    for number, observation, answer in frames:
+        if window is None or number - expected > LAG:
+            yield from window.rest() if window else ()
+            window, expected = _Window(*(*about, number)), number
+        for _ in range(expected, number):
+            nothing = observation.without(np.ones(len(observation.foreground), bool))
+            window.observe(nothing)
+            yield from window.add(lost_frame(before, nothing))
+        window.observe(observation)
+        yield from window.add(answer)
+        expected, before = number + 1, answer.pose
+    yield from window.rest() if window else ()

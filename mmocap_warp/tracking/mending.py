@@ -9,7 +9,7 @@ and the span is smoothed as a clip of its own, in which the frames around it are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +44,7 @@ _LOST_OVERLAP = 0.06  # overlap below the usual at which a frame is lost
 _FORBIDDEN = 1e9  # cost of an answer that is none
 
 
-def mended(scene: Scene, result: Result, config: TrackConfig, pins: Pins | None, span: range | None) -> Result:
+def mended(scene: Scene, result: Result, config: TrackConfig, pins: Pins, span: range | None) -> Result:
     """The result with the frames around pins, or those of a span, solved anew.
 
     Args:
@@ -54,11 +54,10 @@ def mended(scene: Scene, result: Result, config: TrackConfig, pins: Pins | None,
         pins: joints that were clicked.
         span: positions of frames that are searched longer.
     """
-    reach = max(1, round(REACH * result.rate))
-    anchors = [] if pins is None else sorted(set(pins.frame.tolist()))
+    reach, anchors = max(1, round(REACH * result.rate)), np.unique(pins.frame)
     spans = [] if span is None else [span]
     # Pins that lie near each other belong to one span.
-    for group in np.split(np.array(anchors, int), np.flatnonzero(np.diff(anchors) > 2 * reach) + 1):
+    for group in np.split(anchors, np.flatnonzero(np.diff(anchors) > 2 * reach) + 1):
         if len(group):
             spans.append(range(max(0, group[0] - reach), min(len(result.frame_numbers), group[-1] + reach + 1)))
     for each in spans:
@@ -66,7 +65,7 @@ def mended(scene: Scene, result: Result, config: TrackConfig, pins: Pins | None,
     return result
 
 
-def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins | None, span: range) -> Result:
+def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, span: range) -> Result:
     """The result with one span of frames by their positions solved anew, as far as they change."""
     # The span and the frames around it are a result of their own.
     context = max(3, round(_CONTEXT * result.rate))
@@ -74,8 +73,8 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins | N
     whole = list(range(first, last))
     part, seen = result.at(whole), _observations(scene, result, whole)
     own = range(span.start - first, span.stop - first)
-    within = None if pins is None else pins.moved(first)
-    at = [] if within is None else [frame for frame in sorted(set(within.frame.tolist())) if frame in own]
+    within = pins.moved(first)
+    at = [frame for frame in np.unique(within.frame).tolist() if frame in own]
 
     # Follow the frames from the anchors.
     search = _SpanSearch(part, config, seen, within)
@@ -108,7 +107,8 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins | N
             array[:, first:last][:, free] = getattr(done, name)[:, free]
     numbers = part.frame_numbers[free]
     note: dict[str, list[Any]] = {"frames": [int(numbers[0]), int(numbers[-1])]}
-    note |= {} if pins is None else {"pins": [each for each in pins.listed if each["frame"] in numbers]}
+    if pins.listed:
+        note["pins"] = [each for each in pins.listed if each["frame"] in numbers]
     history = [*result.config.get("mended", []), note]
     return replace(result, config=result.config | {"mended": history}, **arrays)
 
@@ -123,14 +123,6 @@ def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> lis
     return [each.without(views) for each, views in zip(seen, left_out, strict=True)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """Poses found along frames, and in which frames (frame,) bool there are some."""
-
-    rooted: RootedPoses
-    there: np.ndarray
-
-
 class _SpanSearch:
     """Finds poses of a span's frames, whose masks are all held.
 
@@ -141,9 +133,7 @@ class _SpanSearch:
         pins: joints that were clicked in them.
     """
 
-    def __init__(
-        self, part: Result, config: TrackConfig, observations: Sequence[Observation], pins: Pins | None
-    ) -> None:
+    def __init__(self, part: Result, config: TrackConfig, observations: Sequence[Observation], pins: Pins) -> None:
         subject = part.subject
         skeleton, searched = subject.body.skeleton, subject.body.skeleton.searched(config.dof)
         limits = search_limits(subject, config)
@@ -173,12 +163,11 @@ class _SpanSearch:
         there = np.zeros((3, len(pose)), bool)
         there[0] = True
         for number, step in ((1, 1), (2, -1)):
-            way = _Way(known, np.zeros(len(pose), bool))
             for f in anchors:
                 beyond = [abs(g - f) for g in anchors if (g - f) * step > 0]
                 stop = f + step * min(beyond) if beyond else (own.stop if step > 0 else own.start - 1)
-                way = self._followed(way, f, at_anchors[f], range(f + step, stop, step))
-            answers[number], there[number] = way.rooted, way.there
+                further = range(f + step, stop, step)
+                answers[number] = self._followed(answers[number], there[number], f, at_anchors[f], further)
 
         # Each frame takes the answer with which all frames together cost least.
         frames = np.arange(len(pose))
@@ -216,11 +205,11 @@ class _SpanSearch:
         """Poses of frames after damped steps towards pins, and towards contours, or else near to where they were."""
 
         def linearised(poses: RootedPoses) -> NormalEquations:
-            said = self._said(frames, poses)
+            clicks = self._pins.of(frames, poses, self._points)
             if contours:
                 neighbours = Neighbours.of(self._known, frames, self._rate)
-                return self._fitter.linearise(frames, poses, neighbours).plus(said)
-            return said.plus(self._prior(poses, rooted))
+                return self._fitter.linearise(frames, poses, neighbours).plus(clicks)
+            return clicks.plus(self._prior(poses, rooted))
 
         damping, equations, poses = np.ones(len(rooted)), linearised(rooted), rooted
         for _ in range(steps):
@@ -241,17 +230,14 @@ class _SpanSearch:
         matrix = np.tile(np.eye(len(searched)) / _PRIOR**2, (count, 1, 1))
         return NormalEquations(matrix, -off, 0.5 * _PRIOR**2 * (off**2).sum(axis=1))
 
-    def _said(self, frames: np.ndarray, poses: RootedPoses) -> NormalEquations:
-        """What the pins say; nothing where there are none."""
-        if self._pins is None:
-            dof = len(self._rooting.searched)
-            return NormalEquations(*(np.zeros((len(frames), *shape)) for shape in ((dof, dof), (dof,), ())))
-        return self._pins.of(frames, poses, self._points)
+    def _followed(
+        self, way: RootedPoses, there: np.ndarray, anchor: int, pose: RootedPoses, frames: range
+    ) -> RootedPoses:
+        """The way with poses from an anchor's through further frames, until they are the known ones again.
 
-    def _followed(self, way: _Way, anchor: int, pose: RootedPoses, frames: range) -> _Way:
-        """The way with poses from an anchor's through further frames, until they are the known ones again."""
-        rooted, there = way.rooted.with_frames(np.array([anchor]), pose), way.there.copy()
-        there[anchor] = True
+        They are marked in ``there`` (frame,) bool.
+        """
+        way, there[anchor] = way.with_frames(np.array([anchor]), pose), True
         last = before = self._rooting.leave(pose, np.zeros(3))[0]
         agreeing = 0
         for f in frames[: round(REACH * self._rate)]:
@@ -262,12 +248,12 @@ class _SpanSearch:
             best = int(np.argmin(cost))
             found = fitted[best : best + 1]
             before, last = last, self._rooting.leave(found, last[3:6])[0]
-            rooted, there[f] = rooted.with_frames(np.array([f]), self._rooting.refold(found)), True
-            near = self._apart(rooted[f : f + 1], self._known[f : f + 1])[0] < _AGREES * self._size
+            way, there[f] = way.with_frames(np.array([f]), self._rooting.refold(found)), True
+            near = self._apart(way[f : f + 1], self._known[f : f + 1])[0] < _AGREES * self._size
             agreeing = agreeing + 1 if near else 0
             if agreeing == _AGREEING:
                 break
-        return _Way(rooted, there)
+        return way
 
     def _apart(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
         """(frame,) how far the joint is that moved most [m]."""
@@ -278,7 +264,8 @@ class _SpanSearch:
     def _costs(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
         """(pose, 2) what contours and pins, and what areas cost."""
         neighbours = Neighbours.of(self._known, frames, self._rate)
-        contours = self._fitter.linearise(frames, rooted, neighbours).cost + self._said(frames, rooted).cost
+        clicks = self._pins.of(frames, rooted, self._points).cost
+        contours = self._fitter.linearise(frames, rooted, neighbours).cost + clicks
         poses, areas = self._rooting.leave(rooted, np.zeros(3)), np.zeros(len(frames))
         for same in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(frames)) + 1):
             self._objective.observe(self._seen[frames[same[0]]])

@@ -61,6 +61,11 @@ class Pins:
             equations.cost[row] = 0.5 * error @ error
         return equations
 
+    @classmethod
+    def none(cls) -> Pins:
+        """No pins at all."""
+        return cls(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2, 3)), np.zeros((0, 2)), SIGMA, [])
+
     def moved(self, frames: int) -> Pins:
         """The same for a part of the result that begins so many ``frames`` later."""
         return Pins(self.frame - frames, self.joint, self.across, self.beside, self.sigma, self.listed)

@@ -79,7 +79,7 @@ class Mending:
     """
 
     held: np.ndarray
-    pins: Pins | None
+    pins: Pins
 
 
 def smoothed(
@@ -282,12 +282,11 @@ class _RunSmoother:
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(acceleration), has_masks)
 
         # How sure the poses are: noise from frame to frame, and a body that is not quite the right one.
-        self._factors = deviation_factors(subject.body)
+        far = departure(subject.provenance)
+        self._factors = deviation_factors(subject.body, far)
         axes = stretched(self._factors.joint) if self._factors else None
         self._noise = Deviations(problem, acceleration, axes)
-        self._body = BodyDeviations(
-            problem, masks.linearise_body, masks.body_changes, axes, departure(subject.provenance)
-        )
+        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes, axes, far)
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
         self._usual_misfit = USUAL_MISFIT * subject.body.relative_size
@@ -349,8 +348,7 @@ class _RunSmoother:
         self, mending: Mending, frames: np.ndarray, rooted: RootedPoses, contour: NormalEquations
     ) -> NormalEquations:
         """What contours and pins say, or that a frame is held."""
-        if mending.pins:
-            contour = contour.plus(mending.pins.of(frames, rooted, self._points))
+        contour = contour.plus(mending.pins.of(frames, rooted, self._points))
         held = NormalEquations(*map(np.zeros_like, vars(contour).values()))
         held.matrix[:] = _HELD_INFORMATION * np.eye(contour.matrix.shape[1])
         return held.where(mending.held[frames], contour)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -90,12 +91,33 @@ def test_what_is_wrong_is_named() -> None:
             calibrate_from_board(rig.names, rig.size, [*good[:2], third], BOARD, None)
 
 
-def test_another_board_is_named() -> None:
+@pytest.mark.parametrize(
+    ("printed", "named", "words"),
+    [
+        ("charuco:5x7:80mm:60mm:6x6_50", BOARD, "it shows markers of the dictionary 6x6_50"),
+        ("charuco:6x9:60mm", BOARD, "it shows marker 2[0-6], which a board of 5x7 squares lacks"),
+        ("chessboard:6x5:80mm", Board.parse("chessboard:5x4:80mm"), "it shows a chessboard of 6x5 squares"),
+    ],
+)
+def test_another_board_is_named(printed: str, named: Board, words: str) -> None:
+    """The last one is what they say who count inner corners."""
     rig, noise = board_rig(1), np.random.default_rng(0)
     ((turn, shift),) = board_course(rig, BOARD, 0, 1)
-    other = Board.parse("charuco:5x7:80mm:60mm:6x6_50")
-    found = detect_board([render_board(rig, 0, other, turn, shift, noise)], BOARD)
-    assert found.other == "it shows markers of the dictionary 6x6_50"
+    found = detect_board([render_board(rig, 0, Board.parse(printed), turn, shift, noise)], named)
+    assert re.fullmatch(words, found.other or "")
+
+
+def test_corners_on_no_flat_grid_are_no_chessboard(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The exhaustive search sometimes puts a row of corners on something beside the board."""
+    board, rig, noise = Board.parse("chessboard:6x5:80mm"), board_rig(1), np.random.default_rng(0)
+    image = render_board(rig, 0, board, *board_course(rig, board, 0, 1)[0], noise)
+    corners = board.find(image)
+    assert corners is not None
+    corners[-5:] += [0, 60]
+    monkeypatch.setattr(
+        cv2, "findChessboardCornersSBWithMeta", lambda *_, **flags: (True, corners, np.zeros((4, 5), np.uint8))
+    )
+    assert board.find(image) is None
 
 
 def test_the_drawing_is_printed_and_wrong_boards_are_refused(

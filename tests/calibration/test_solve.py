@@ -13,7 +13,7 @@ import pytest
 from made_walks import walking_around
 
 from mmocap_warp.calibration.solve import UnsolvableError
-from mmocap_warp.calibration.solve.solution import SolvedCameras, solve_cameras
+from mmocap_warp.calibration.solve.solution import SolvedCameras, solve_cameras, upright
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.cli import console, main
 from mmocap_warp.errors import InputError
@@ -289,3 +289,17 @@ def test_the_command_refuses_a_height_in_centimetres(walk, tmp_path, capsys):
     output = tmp_path / "found.toml"
     assert main(["calib", "solve", str(walk), "--height", "178", "-o", str(output)]) == console.USAGE
     assert "--height must be a person's in metres, got 178" in capsys.readouterr().err
+
+
+def test_a_person_shows_where_the_floor_of_placed_cameras_is(walk) -> None:
+    """Cameras in the first one's world, as a board gives them, stand over the floor as the true ones do."""
+    true, scene = read_toml_rig(walk / "calibration.toml"), load_scene(walk, calibrated=False)
+    R = true.R @ true.R[0].T
+    rig = upright(replace(true, R=R, t=true.t - R @ true.t[0], up="-y"), scene)
+    assert rig.up == "+z"
+    np.testing.assert_allclose(rig.centres[:, 2], true.centres[:, 2], atol=0.04)
+    np.testing.assert_allclose(rig.R[:, :, 2], true.R[:, :, 2], atol=0.01)  # where the vertical is in each camera
+    apart = np.linalg.norm(rig.centres - rig.centres[0], axis=1)
+    np.testing.assert_allclose(apart, np.linalg.norm(true.centres - true.centres[0], axis=1), atol=1e-9)
+    with pytest.raises(InputError, match="camera 'C3' is not among C2, BW2"):
+        upright(rig.select(("C2", "BW2")), scene)

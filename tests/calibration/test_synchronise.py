@@ -260,7 +260,7 @@ def test_the_parts_of_a_recording_must_agree(rate: float, seconds: float, sure: 
         @ random.standard_normal((4, len(LIKE)))
         for times in at
     ]
-    assert (margin_by_motion(signals, np.zeros(3, int), FPS) < 3.2) == sure
+    assert (margin_by_motion(signals, np.zeros(3, int), FPS) < 2.0) == sure
 
 
 def test_too_short_a_recording_has_no_confidence_interval() -> None:

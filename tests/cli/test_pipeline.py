@@ -324,6 +324,26 @@ def test_without_an_output_all_that_is_not_there_is_made(scene, tmp_path, capsys
     assert {file: file.stat().st_mtime_ns for file in made} == made
 
 
+def test_cameras_that_disagree_are_refined_for_a_second_run(scene, result, capsys, monkeypatch):
+    kept, asked = read_result(result), []
+
+    def track(**given):
+        asked.append(given.get("cameras"))
+        return replace(kept, config=kept.config | {"cameras": given.get("cameras", "as given")})
+
+    monkeypatch.setattr("mmocap_warp.commands.track.track", track)
+    monkeypatch.setattr("mmocap_warp.commands.show.show_all", lambda *_: {})
+    for disagree, flags, runs in (
+        ({"cam01": 20.0}, (), [None, "refine"]),
+        ({"cam01": 20.0}, ("--cameras", "as given"), ["as given"]),
+        ({}, (), [None]),
+    ):
+        asked.clear()
+        monkeypatch.setattr("mmocap_warp.result.verdict.verdict", lambda _, off=disagree: {"cameras": off})
+        answer(capsys, "track", scene, *flags)
+        assert asked == runs
+
+
 def test_masks_of_some_frames_keep_their_numbers(scene, tmp_path, capsys):
     written = answer(capsys, "mask", scene, "-o", tmp_path / "masks", "--frames", "1:8:3")
     part, whole = load_scene(written["scene"]), load_scene(scene)

@@ -35,7 +35,7 @@ track = { evaluations = 40, seed = 3 }
 class Here(Engine):
     """Works in this process, which spares the start of another."""
 
-    def __init__(self, make, devices, threads):
+    def __init__(self, make):
         self._worker, self._waiting = make("cpu", 1), [iter([Ready("cpu")])]
 
     def submit(self, worker, job):
@@ -55,7 +55,7 @@ class Here(Engine):
 @pytest.fixture
 def here(monkeypatch):
     """Batches work in this process."""
-    monkeypatch.setattr(module, "engine_of", lambda make, *_: ("cpu", lambda: Here(make, None, None)))
+    monkeypatch.setattr(module, "engine_of", lambda make, *_: ("cpu", lambda: Here(make)))
 
 
 @pytest.fixture(scope="module")
@@ -68,16 +68,20 @@ def made(tmp_path_factory) -> Path:
     (folder / "broken").mkdir()
     text = (folder / "b" / "scene.toml").read_text()
     (folder / "broken" / "scene.toml").write_text(text.replace("calibration.toml", "nowhere.toml"))
+    (folder / "b" / "made").mkdir()  # a scene that was made of another one
+    (folder / "b" / "made" / "scene.toml").write_text(text)
     (folder / "plan.toml").write_text(PLAN)
     return folder
 
 
 @pytest.fixture(scope="module")
 def whole(made, tmp_path_factory) -> tuple[Path, module.BatchRun]:
-    """All of them, by two processes."""
+    """All of them."""
     output = tmp_path_factory.mktemp("whole") / "out"
-    with pytest.warns(UserWarning, match="broken: given up: "):
-        done = mm.batch(made, output, steps=STEPS, plan=made / "plan.toml", device="cpu", workers=2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "engine_of", lambda make, *_: ("cpu", lambda: Here(make)))
+        with pytest.warns(UserWarning, match="broken: given up: "):
+            done = mm.batch(made, output, steps=STEPS, plan=made / "plan.toml")
     return output, done
 
 
@@ -156,10 +160,11 @@ def test_a_person_is_fitted_once_and_tracked_in_every_recording(made, here, tmp_
     assert Path(record["scene"]).parent.name == "two"  # the fit of the lower cost
 
 
+@pytest.mark.nightly
 def test_killed_it_goes_on_and_ends_with_the_same_files(made, whole, tmp_path):
     output, reference = tmp_path / "out", whole[0]
     command = [sys.executable, "-m", "mmocap_warp", "batch", str(made), "-o", str(output), "--steps", STEPS]
-    command += ["--plan", str(made / "plan.toml"), "--device", "cpu", "--threads", "1", "--quiet"]
+    command += ["--plan", str(made / "plan.toml"), "--device", "cpu", "--workers", "2", "--quiet"]
     kept: dict[str, int] = {}
     while len(kept) < 3:
         running = subprocess.Popen(
@@ -175,6 +180,22 @@ def test_killed_it_goes_on_and_ends_with_the_same_files(made, whole, tmp_path):
     for file in reference.rglob("result.glb"):
         assert (output / file.relative_to(reference)).read_bytes() == file.read_bytes()
     assert (output / "index.html").exists()
+
+
+def test_interrupted_it_goes_on_with_what_is_not_done(made, here, tmp_path, monkeypatch):
+    scenes, take = [made / name for name in ("a/one", "b")], module.TrialWorker.work
+
+    def interrupted(worker, job):
+        if job.name == "b":
+            raise KeyboardInterrupt
+        yield from take(worker, job)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module.TrialWorker, "work", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            mm.batch(scenes, tmp_path / "out", steps="track", plan=made / "plan.toml")
+    done = mm.batch(scenes, tmp_path / "out", steps="track", plan=made / "plan.toml")
+    assert (done.status.reused, done.status.finished, done.failures) == (1, 1, {})
 
 
 def test_the_command_says_what_is_missing(whole, made, here, tmp_path, capsys):
@@ -197,6 +218,7 @@ def test_the_command_says_what_is_missing(whole, made, here, tmp_path, capsys):
         ({"engine": "cloud"}, mm.UsageError, "engine must be local or ray"),
         ({"scenes": "."}, mm.InputError, "names no scene"),
         ({"scenes": ["b", "b/scene.toml"]}, mm.InputError, "names two scenes of one folder"),
+        ({"scenes": ["b", "b/made"]}, mm.InputError, "names two scenes of one folder"),
         ({"plan": "[track]\ndance = 1"}, mm.InputError, r"\[track\]: dance is not known; use one of"),
         ({"plan": "[[scenes]]\nperson = 'x'"}, mm.InputError, "'match' is missing"),
     ],

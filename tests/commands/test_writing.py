@@ -46,8 +46,7 @@ def test_limits_are_learnt_from_motions(tmp_path):
             lambda folder: mm.ablate(folder / "a", trackers=["cmaes,seed=1"]),
             r"^tracker cmaes,seed=1: seed holds for all trackers",
         ),
-        (lambda folder: mm.benchmark(against="povray"), r"^against must name embree"),
-        (lambda folder: mm.write_benchmark_pages([], folder / "a"), r"^name at least one report"),
+        (lambda folder: mm.benchmark(threads=0), r"^threads must be at least 1"),
         (
             lambda folder: mm.report_study(folder, folder / "page.html"),
             r"holds no result; run 'mmocap study run' first",

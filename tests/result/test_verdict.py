@@ -84,6 +84,15 @@ def test_three_views_must_agree_better_than_four():
     assert (told["trusted"], list(told["cameras"])) == (0, ["cam03", "cam02", "cam01"])
 
 
+@pytest.mark.parametrize(("third", "trusted"), [(0.014, FRAMES), (0.016, 0)])
+def test_a_body_that_most_cameras_disagree_with_is_not_trusted(third: float, trusted: int):
+    """Each is less than a wrong camera is off, but the body lies between all of them: with half it holds."""
+    told = judged(view_shift=np.tile([0.024, 0.023, third, 0.007], (1, FRAMES, 1)))
+    assert (told["trusted"], len(told["cameras"])) == (trusted, 2 if trusted else 3)
+    unseen = judged(view_shift=np.tile([0.024, 0.023, third, np.nan], (1, FRAMES, 1)))
+    assert unseen["trusted"] == 0  # a camera that sees nobody holds nothing
+
+
 def test_parts_in_doubt_are_named_with_their_frames():
     told = judged(joint_sigma=far(2, 3, 4, 8), status=statuses("partial", [3, 9]))
     assert told["parts"] == {SKELETON.parts[SKELETON.part[SKELETON.index("LElbow")]]: [12, 13, 14, 18]}

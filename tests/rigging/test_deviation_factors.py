@@ -38,6 +38,13 @@ def test_a_body_that_is_fitted_from_it_has_the_same(man):
     np.testing.assert_array_equal(deviation_factors(fitted).joint, deviation_factors(man).joint)
 
 
+def test_factors_say_less_of_a_body_that_departs_further_than_those_they_were_learnt_on(man):
+    usual, learnt, far = (deviation_factors(man, departure) for departure in (1.0, 2.0, 4.0))
+    np.testing.assert_array_equal(learnt.joint, usual.joint)
+    np.testing.assert_allclose(far.joint, np.sqrt(usual.joint))
+    np.testing.assert_allclose(far.angle, np.sqrt(usual.angle))
+
+
 def test_other_bodies_have_none(man):
     assert deviation_factors(quadruped()) is None
     assert deviation_factors(replace(quadruped(), name=man.name)) is None

@@ -331,6 +331,31 @@ def test_a_video_of_another_size(videos: Path, size: tuple[int, int], bars: int,
         assert len(sources(videos)) == 3
 
 
+def test_a_rotation_that_the_file_states_is_told(videos: Path) -> None:
+    """The decoder turns the images; a calibration of images that are not turned is not of these."""
+    write_toml_rig(videos / "calibration.toml", RIG)
+    (videos / "cam02.mkv").unlink()
+    writer = cv2.VideoWriter(str(videos / "cam02.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 30, (WIDTH, HEIGHT))
+    for _ in range(FRAMES):
+        writer.write(np.full((HEIGHT, WIDTH, 3), 100, np.uint8))
+    writer.release()
+    data = bytearray((videos / "cam02.mp4").read_bytes())
+    matrix = data.index(b"tkhd") + 44  # of the track: a quarter turn, and a shift back into the image
+    turn = np.array([0, 1, 0, -1, 0, 0, HEIGHT, 0, 2**14]) << 16
+    data[matrix : matrix + 36] = turn.astype(">i4").tobytes()
+    (videos / "cam02.mp4").write_bytes(data)
+    draft = draft_scene(videos)
+    assert any("its images are turned by 90 degrees" in line for line in draft.found)
+    assert any("without its rotation" in line and "ffmpeg -display_rotation 0" in line for line in draft.missing)
+
+
+def test_cameras_of_unlike_exposure_are_told(videos: Path) -> None:
+    write_toml_rig(videos / "calibration.toml", RIG)
+    assert not any("than the others" in line for line in draft_scene(videos).found)
+    write_video(videos / "cam02.mkv", [np.full((HEIGHT, WIDTH, 3), 20, np.uint8)] * FRAMES)
+    assert any("cam02 is darker than the others (mean gray 20, theirs" in line for line in draft_scene(videos).found)
+
+
 def test_a_camera_without_a_video_is_told(videos: Path) -> None:
     write_toml_rig(videos / "calibration.toml", RIG)
     (videos / "cam03.mkv").unlink()

@@ -36,10 +36,13 @@ def test_a_camera_that_lags_shows_what_others_showed_before(walk: Scene) -> None
 
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (2, 3))])
 def test_a_second_of_a_walk_tells_its_lags_by_motion_alone(walk: Scene, seed: int) -> None:
-    """By the head going up and down: without it two cameras were up to eight frames off, and said to be sure."""
+    """By the head going up and down: without it two cameras were up to eight frames off, and said to be sure.
+
+    The parts of so short a clip agree only to 2.2 to 3.1 frames, so that none of these is sure.
+    """
     found = trial(walk, seed, MOTION)
-    assert found.sure
     assert found.worst <= MOTION.exact
+    assert not found.sure
 
 
 def test_an_offset_that_all_have_in_common_is_no_error() -> None:

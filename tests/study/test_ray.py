@@ -47,21 +47,30 @@ def cluster(clusters) -> Cluster:
     return clusters[-1]
 
 
-def started(cluster: Cluster, study: Path, results: Path, patience: float = 60.0) -> subprocess.Popen:
-    """A run on the cluster's two machines that has stored its first result, and whose workers both have a cell."""
+def started(
+    cluster: Cluster, study: Path, results: Path, finished: int = 1, patience: float = 60.0
+) -> subprocess.Popen:
+    """A run on the cluster's two machines that begin together, once both have a cell and some are ``finished``."""
     busy = [results.with_name(f"busy.{worker}") for worker in range(2)]
     main = f"""
 import sys
 from pathlib import Path
 from mmocap_warp.jobs import ray_engine as ray
+from mmocap_warp.jobs.engine import Ready
 from mmocap_warp.cli import main
 ray._PATIENCE = {patience}
 ray._SECONDS_BETWEEN_PROBES = 1.0
-submit = ray.RayEngine.submit
+submit, events, ready = ray.RayEngine.submit, ray.RayEngine.events, []
 def noted(engine, worker, job):
     submit(engine, worker, job)
     Path(f"{results.with_name("busy")}.{{worker}}").touch()
-ray.RayEngine.submit = noted
+def together(engine, seconds):
+    happened = events(engine, seconds)
+    if len(ready) >= 2:
+        return happened
+    ready.extend(each for each in happened if isinstance(each[1], Ready))
+    return [each for each in happened if each not in ready] + (ready if len(ready) >= 2 else [])
+ray.RayEngine.submit, ray.RayEngine.events = noted, together
 sys.exit(main(sys.argv[1:]))
 """
     where = ["--engine", "ray", "--address", cluster.address, "--workers", "2", "--json"]
@@ -69,7 +78,7 @@ sys.exit(main(sys.argv[1:]))
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + PATIENCE
     while run.poll() is None and time.monotonic() < deadline:
-        if list(results.glob("*.npz")) and all(file.exists() for file in busy):
+        if all(file.exists() for file in busy) and len(list(results.glob("*.npz"))) >= finished:
             break
         time.sleep(0.01)
     return run
@@ -77,7 +86,7 @@ sys.exit(main(sys.argv[1:]))
 
 def test_two_workers_give_the_files_of_a_local_run_though_a_machine_dies(cluster, tmp_path):
     study = write_study(tmp_path, STUDY.replace("seeds = 2", "seeds = 4").replace("[12]", "[60]"))
-    run = started(cluster, study, tmp_path / "ray")
+    run = started(cluster, study, tmp_path / "ray", finished=0)
     cluster.remove_node(cluster.list_all_nodes()[-1], allow_graceful=False)
     output, notes = run.communicate(timeout=PATIENCE)
     assert run.returncode == console.OK, notes

@@ -103,7 +103,7 @@ def test_learnt_factors_stretch_deviations_and_the_roots_are_those_of_its_joint(
         stated.append(sigma.pose.copy())
         return sigma
 
-    monkeypatch.setattr(smoothing, "deviation_factors", lambda body: factors)
+    monkeypatch.setattr(smoothing, "deviation_factors", lambda *_: factors)
     monkeypatch.setattr(smoothing, "combine", combined)
     result = smoothed(raw, CONFIG, swinging()[1])
     np.testing.assert_allclose(result.angle_sigma[0, :, :3], result.joint_sigma[0, :, 0], rtol=1e-5)

@@ -52,7 +52,7 @@ def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray:
         return share
     # Voxels fill a cube about the point where the silhouettes meet.
     masks = unpack_masks(observation.words, rig.size)
-    centre = meeting_point(rig.select(tuple(rig.names[k] for k in seeing)), [masks[k] for k in seeing])
+    centre = meeting_point(rig, masks)
     points = _voxels_in_all_but_one(rig, seeing, masks, centre)
     # Voxels outside two silhouettes are in no hull of all views but one, so they are dropped. For the others `misses`
     # is 0 or 1, and `outside_of` names the view that misses them.

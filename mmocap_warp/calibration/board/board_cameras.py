@@ -117,23 +117,25 @@ def calibrate_from_board(
     """
     _check_seen(names, detections, board)
     # The lenses, each from its own frames.
+    given = None if known is None else known.select(tuple(names))
     lenses = [
-        _solve_lens(name, size, each, board) if known is None else _given_lens(known, name)
-        for name, size, each in zip(names, sizes.tolist(), detections, strict=True)
+        (given.K[k], given.distortion[k], 0.0, 0) if given else _solve_lens(names[k], sizes[k].tolist(), each, board)
+        for k, each in enumerate(detections)
     ]
     K, distortion = np.array([lens[0] for lens in lenses]), np.array([lens[1] for lens in lenses])
     # The places, from sharp frames that two cameras or more see.
     chosen = _common_frames(names, detections)
     seen = np.array([each.seen[chosen] for each in detections])
     pixels = np.array([each.pixels[chosen] for each in detections])
-    R, t, missed = _solve_places(pixels, seen, board, K, distortion)
-    points, residuals = [], []
-    for in_view, view_missed in zip((pixels[k, seen[k]] for k in range(len(names))), missed, strict=True):
-        known_corners = np.isfinite(in_view[..., 0])
-        points.append(in_view[known_corners])
-        residuals.append(view_missed[known_corners])
+    R, t, residuals = _solve_places(pixels, seen, board, K, distortion)
     rms = np.array([np.sqrt((each**2).sum(axis=1).mean()) for each in residuals])
-    _check_residuals(names, sizes, rms)
+    worst = int(np.argmax(rms / sizes.max(axis=1)))
+    if not rms[worst] < _MAX_RMS * sizes[worst].max():
+        problem = f"the views of the board disagree by {rms[worst]:.1f} px, most in this camera"
+        remedy = (
+            "see that the cameras are in step (a scene has their offsets), that none moved, and that --board is right"
+        )
+        raise InputError(f"camera '{names[worst]}'", problem, remedy)
     return BoardCalibration(
         rig=CameraRig(tuple(names), K, R, t, np.asarray(sizes), distortion, "-y"),
         rms=rms,
@@ -141,7 +143,7 @@ def calibrate_from_board(
         lens_frames=np.array([lens[3] for lens in lenses]),
         place_frames=seen.sum(axis=1),
         coverage=np.array([_coverage(each, size) for each, size in zip(detections, sizes, strict=True)]),
-        points=tuple(points),
+        points=tuple(view[np.isfinite(view[..., 0])] for view in pixels),
         residuals=tuple(residuals),
     )
 
@@ -151,15 +153,10 @@ def _check_seen(names: Sequence[str], detections: Sequence[Detections], board: B
         count = int(each.seen.sum())
         if count < _MIN_COMMON:
             problem = f"the board {board} is seen in {count} of {len(each.seen)} frames, at least {_MIN_COMMON} needed"
-            if each.other is not None:
-                raise InputError(f"camera '{name}'", f"{problem}; {each.other}", "give --board as it was printed")
             remedy = "show the board to this camera, larger, sharper and in better light, or correct --board"
+            if each.other is not None:
+                problem, remedy = f"{problem}; {each.other}", "give --board as it was printed"
             raise InputError(f"camera '{name}'", problem, remedy)
-
-
-def _given_lens(known: CameraRig, name: str) -> tuple[np.ndarray, np.ndarray, float, int]:
-    k = known.names.index(name)
-    return known.K[k], known.distortion[k], 0.0, 0
 
 
 def _solve_lens(
@@ -236,10 +233,9 @@ def _common_frames(names: Sequence[str], detections: Sequence[Detections]) -> np
 def _solve_places(
     pixels: np.ndarray, seen: np.ndarray, board: Board, K: np.ndarray, distortion: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """With the lenses held: R and t of each camera from the first, and how far each misses its corners [px].
+    """With the lenses held: R and t of each camera from the first, and by how much (corner, 2) it misses corners [px].
 
-    These are (frame, corner, 2) for the frames in which a camera sees the board. All places are adjusted together, so
-    that all corners are as near as can be to where they are seen.
+    All places are adjusted together, so that all corners are as near as can be to where they are seen.
     """
     from scipy.optimize import least_squares
     from scipy.sparse import coo_matrix
@@ -257,12 +253,11 @@ def _solve_places(
         for k in range(len(K)):
             corners = points[cameras == k].reshape(-1, 3)
             image, _ = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), K[k], distortion[k])
-            off.append(pixels[k, seen[k]] - image.reshape(-1, len(board.corners), 2))
+            off.append((pixels[k, seen[k]] - image.reshape(-1, len(board.corners), 2))[known[cameras == k]])
         return off
 
     def differences(x: np.ndarray) -> np.ndarray:
-        flat: np.ndarray = np.concatenate(missed(x))[known].ravel()
-        return flat
+        return np.concatenate(missed(x)).ravel()
 
     # A difference depends on its camera, unless that is the first one, and on its board.
     view = np.repeat(np.arange(len(cameras)), 2 * known.sum(axis=1))
@@ -314,18 +309,6 @@ def _vectors(matrices: np.ndarray) -> np.ndarray:
     """The inverse of :func:`_matrices`."""
     turns = [cv2.Rodrigues(each[:3, :3])[0][:, 0] for each in matrices]
     return np.concatenate([turns, matrices[:, :3, 3]], axis=1)
-
-
-def _check_residuals(names: Sequence[str], sizes: np.ndarray, rms: np.ndarray) -> None:
-    shares = rms / np.asarray(sizes).max(axis=1)
-    worst = int(np.argmax(shares))
-    if not shares[worst] < _MAX_RMS:
-        problem = f"the views of the board disagree by {rms[worst]:.1f} px, most in this camera"
-        remedy = (
-            "see that the cameras are in step (or give a scene with their offsets), that none was moved, and that "
-            "--board has the numbers and the size of the squares"
-        )
-        raise InputError(f"camera '{names[worst]}'", problem, remedy)
 
 
 def _coverage(detections: Detections, size: np.ndarray) -> float:

@@ -14,6 +14,7 @@ from mmocap_warp.cameras.rig import METRES
 MIN_CORNERS = 6  # corners of a board that is used; fewer determine a pose badly
 _MARKER_SHARE = 0.75  # side of a marker over that of its square
 _MARGIN = 10.0  # millimetres of white around the printed board
+_MAX_BENT = 0.5  # of a square's side: corners that a homography of the board misses by more are not the board's
 _RULER = 100.0  # millimetres of the ruler that checks the print's scale
 _SPECIFICATION = re.compile(
     r"(?P<kind>charuco|chessboard):(?P<columns>\d{1,2})x(?P<rows>\d{1,2}):(?P<square>\d+(\.\d+)?)(?P<unit>mm|cm|m|in)"
@@ -60,12 +61,9 @@ class Board:
         square = float(match["square"]) * METRES[match["unit"]]
         marker = float(match["marker"]) * METRES[match["marker_unit"]] if match["marker"] else _MARKER_SHARE * square
         dictionary = match["dictionary"] or cls.dictionary
-        board = cls(match["kind"], int(match["columns"]), int(match["rows"]), square, marker, dictionary)
-        board.check()
-        return board
+        return cls(match["kind"], int(match["columns"]), int(match["rows"]), square, marker, dictionary)
 
-    def check(self) -> None:
-        """Raise a ValueError for a board that cannot be used."""
+    def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3:
             raise ValueError(f"board must have at least 3x3 squares, got {self.columns}x{self.rows}")
         if not 0.001 <= self.square <= 2:
@@ -122,11 +120,15 @@ class Board:
         return self._find_chessboard(gray)
 
     def _find_chessboard(self, gray: np.ndarray) -> np.ndarray | None:
-        inner = self.columns - 1, self.rows - 1
-        good, corners = cv2.findChessboardCornersSB(gray, inner, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-        if not good:
+        shape = self.rows - 1, self.columns - 1
+        # The second search finds more boards, but not all that the first one finds.
+        for exhaustive in (0, cv2.CALIB_CB_EXHAUSTIVE):
+            grid = _chessboard_grid(gray, shape, exhaustive)
+            if grid is not None and sorted(grid.shape[:2]) == sorted(shape) and _is_flat(grid):
+                break
+        else:
             return None
-        grid = corners.reshape(inner[1], inner[0], 2)
+        grid = grid if grid.shape[:2] == shape else grid.swapaxes(0, 1)
         # The detector may begin at either end: rows go down, and the square at the first corner is the drawing's.
         across, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
         if across[0] * down[1] - across[1] * down[0] < 0:
@@ -137,9 +139,10 @@ class Board:
         return np.ascontiguousarray(grid.reshape(-1, 2), np.float32)
 
     def other_boards(self, gray: np.ndarray) -> str | None:
-        """What an image shows of another ChArUco board, in words; None where it shows none."""
-        if self.kind != "charuco":
-            return None
+        """What an image shows of another board, in words; None where it shows none."""
+        if self.kind == "chessboard":
+            grid = _chessboard_grid(gray, (3, 3), cv2.CALIB_CB_EXHAUSTIVE)
+            return None if grid is None else f"it shows a chessboard of {grid.shape[1] + 1}x{grid.shape[0] + 1} squares"
         for name in (self.dictionary, *(f"{bits}x{bits}_{count}" for bits in range(4, 8) for count in (50, 250, 1000))):
             dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.upper()}"))
             _, numbers, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(gray)
@@ -192,3 +195,22 @@ class Board:
 
 def _rectangle(x: float, y: float, width: float, height: float) -> str:
     return f'<rect x="{x:.3f}" y="{y:.3f}" width="{width:.3f}" height="{height:.3f}"/>'
+
+
+def _chessboard_grid(gray: np.ndarray, least: tuple[int, int], exhaustive: int) -> np.ndarray | None:
+    """The pixels (row, column, 2) of all inner corners of the chessboard in an image, which has so many or more."""
+    cv2.setRNGSeed(0)  # the search draws random numbers
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER | exhaustive
+    good, corners, squares = cv2.findChessboardCornersSBWithMeta(gray, least[::-1], flags=flags)
+    return corners.reshape(*squares.shape, 2) if good else None
+
+
+def _is_flat(grid: np.ndarray) -> bool:
+    """Whether corners are the picture of a flat grid: the exhaustive search puts some on what is beside the board."""
+    flat = np.moveaxis(np.indices(grid.shape[:2]), 0, -1).reshape(-1, 2).astype(np.float32)
+    to_image, _ = cv2.findHomography(flat, grid.reshape(-1, 2))
+    if to_image is None:
+        return False
+    missed = cv2.perspectiveTransform(flat[:, None], to_image).reshape(grid.shape) - grid
+    side = np.linalg.norm(np.diff(grid, axis=1), axis=2).mean()
+    return bool(np.linalg.norm(missed, axis=2).max() < _MAX_BENT * side)

@@ -23,11 +23,11 @@ _REWEIGHTINGS = 30
 _MIN_POINTS = 20  # points of heads, and of feet
 
 
-def level_world(cameras: Pinholes, person: PersonInViews, stature: float) -> Pinholes:
+def level_world(cameras: Pinholes, person: PersonInViews, stature: float | None) -> Pinholes:
     """The cameras in a world in metres, whose floor is at z = 0 and whose z points up; its origin is below the heads.
 
     The world that they are in points its z up within a few degrees. The ``stature`` is the height of the top of the
-    head over the floor that is usual in the recording [m].
+    head over the floor that is usual in the recording [m]; None where the cameras are in metres already.
 
     Raises:
         UnsolvableError: too few points of heads or of feet.
@@ -46,7 +46,7 @@ def level_world(cameras: Pinholes, person: PersonInViews, stature: float) -> Pin
     upright = np.median(axes, axis=0) if axes else np.array([0.0, 0.0, 1.0])
     # The rotation that makes both planes level, and the scale that puts the heads at their height over the floor.
     turn, feet_height, top = _fit_two_planes(heads, feet, upright)
-    scale = (stature - _SOLE) / (top - feet_height)
+    scale = 1.0 if stature is None else (stature - _SOLE) / (top - feet_height)
     floor = feet_height - _SOLE / scale
     middle = np.append(np.median((heads @ turn.T)[:, :2], axis=0), floor)
     return replace(cameras, R=cameras.R @ turn.T, centre=scale * (cameras.centre @ turn.T - middle))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from mmocap_warp.calibration.solve import UnsolvableError
-from mmocap_warp.calibration.solve.floor_views import place_on_floor, rigid_motion, standing_view
+from mmocap_warp.calibration.solve.floor_views import FEWEST_FRAMES, place_on_floor, rigid_motion, standing_view
 from mmocap_warp.calibration.solve.level import head_and_foot_points, level_world
 from mmocap_warp.calibration.solve.person_axis import PersonInViews, person_in_views
 from mmocap_warp.calibration.solve.tangents import (
@@ -28,6 +28,7 @@ from mmocap_warp.calibration.solve.tangents import (
     solve_tangents,
 )
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
@@ -95,13 +96,8 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
         raise ValueError(f"height must be a person's in metres, got {height:g}")
     if len(scene.cameras) < 2:
         raise ValueError("cameras are solved from two views at least; this scene has one")
-    # The person in every view, in at most a hundred frames.
-    every = max(1, -(-scene.frame_count // _FRAMES))
-    thinned = replace(scene.of_frames(scene.frames[::every]), foreground=replace(scene.foreground, repair=False))
-    scale = min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max()))
+    thinned, scale, person = _seen_person(scene)
     start = _pinholes(scene, scale)
-    sizes = thinned.rig(scale).size
-    person = person_in_views(list(thinned.observations(scale)), sizes)
     stature = _WALKING * height
     guessed = scene.calibration is None
     names = scene.calibrated.names
@@ -147,6 +143,50 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
         agreed=agreed,
         scale=scale,
     )
+
+
+def upright(rig: CameraRig, scene: Scene) -> CameraRig:
+    """Cameras in metres, in a world with the floor at zero and z up, as a person who walks before them shows it.
+
+    Args:
+        rig: cameras that are placed relative to each other.
+        scene: the person's recording by all or some of them. Its own calibration is not used.
+
+    Raises:
+        InputError: a camera that the rig does not have, or has at another size.
+        UnsolvableError: the recording does not show where the floor is.
+    """
+    for name, size in zip(scene.calibrated.names, scene.calibrated.size.tolist(), strict=True):
+        if name not in rig.names or rig.size[rig.names.index(name)].tolist() != size:
+            problem = f"camera '{name}' is not among {', '.join(rig.names)}, or its images have another size"
+            raise InputError(scene.path, problem, "film board and person with the same cameras, names and image sizes")
+    own = rig.select(scene.calibrated.names)
+    thinned, scale, person = _seen_person(replace(scene, calibrated=own))
+    seen = thinned.rig(scale)
+    cameras = Pinholes(own.R, own.centres, seen.K[:, [0, 1], [0, 1]], seen.K[:, :2, 2])
+    # The vertical lies in the plane of each view's rays through head and foot.
+    view = np.nonzero(person.whole)[0]
+    if len(view) < FEWEST_FRAMES:
+        raise UnsolvableError(f"{len(view)} masks show the whole person; at least {FEWEST_FRAMES} are needed")
+    head, foot = (cameras.rays(view, ends[person.whole]) for ends in (person.head, person.foot))
+    planes = np.cross(head, foot)
+    up = np.linalg.eigh(planes.T @ planes)[1][:, 0]
+    up *= np.sign(np.median((head - foot) @ up))
+    side = np.linalg.svd(up[None])[2][1:]
+    turn = np.stack([side[0], np.cross(up, side[0]), up])
+    levelled = level_world(replace(cameras, R=own.R @ turn.T, centre=own.centres @ turn.T), person, None)
+    # The whole rig moves as these cameras did.
+    turn = levelled.R[0].T @ own.R[0]
+    R = rig.R @ turn.T
+    return replace(rig, R=R, t=rig.t - R @ (levelled.centre[0] - turn @ own.centres[0]), up="+z")
+
+
+def _seen_person(scene: Scene) -> tuple[Scene, float, PersonInViews]:
+    """The person in every view, in at most a hundred frames: these, the scale of the images, and what they show."""
+    every = max(1, -(-scene.frame_count // _FRAMES))
+    thinned = replace(scene.of_frames(scene.frames[::every]), foreground=replace(scene.foreground, repair=False))
+    scale = min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max()))
+    return thinned, scale, person_in_views(list(thinned.observations(scale)), thinned.rig(scale).size)
 
 
 def _pinholes(scene: Scene, scale: float) -> Pinholes:

@@ -26,12 +26,13 @@ _MIN_AGREEING = 0.5  # share of the other views that must agree alone
 _HULL_REACH = 0.4  # seconds to either side in which the hull looks for offsets that motion is not sure of
 _MAX_HULL_CORRECTION = 3  # frames by which the hull may correct offsets that motion is sure of
 _MAX_HULL_SPREAD = 1  # frames between the ends of several starts of a hull that can be trusted
-_MAX_MARGIN, _MAX_HULL_MARGIN = 3.2, 1.0  # frames: half a confidence interval of offsets by motion, and by hulls
+_MAX_MARGIN, _MAX_HULL_MARGIN = 2.0, 1.0  # frames: half a confidence interval of offsets by motion, and by hulls
 _IN_STEP = 2  # frames: shorter lags that are within this interval are none
 _STRETCHES, _MIN_STRETCH = 6, 80  # stretches of a recording, and frames of one at least
 _MIN_PART, _NEAR = 8, 6  # frames of a part that is left out of a recording at least; lags to either side without it
 _MAX_CHANGE = 0.2  # seconds by which a lag may change
-_MAX_RIVAL = 0.75  # score of another lag over the best, from which on a view's offset is unsure
+_MAX_RIVAL = 0.5  # score of another lag over the best, from which on a view's offset is unsure
+_ALIKE = 0.75  # the same, from which on the hull looks for the offset afresh
 _PAIR_TOLERANCE = 2  # frames within which a pair alone agrees with all pairs
 
 Progress = Callable[[int, int], None]
@@ -44,7 +45,7 @@ class ViewOffset:
 
     Attributes:
         frames: by how many of the scene's frames it lags.
-        rival: score of the best other lag over that of this one; from ``0.75`` on the offset is not sure.
+        rival: score of the best other lag over that of this one; from ``0.5`` on the offset is not sure.
         other: that other lag [frames].
         agreeing: share of the other views that, compared with this one alone, agree within two frames.
         sure: whether the offset is reliable.
@@ -73,8 +74,8 @@ class ViewOffset:
         if self.rival >= _MAX_RIVAL:
             lag = self.other - self.frames
             return (
-                f"{name} fits as well {lag:+d} frames later: the motion repeats itself every {abs(lag)} frames, as "
-                "steps do, or there is too little of it; record a clap, a jump or a turn too"
+                f"{name} fits {100 * self.rival:.0f} % as well {lag:+d} frames later: the motion repeats itself every "
+                f"{abs(lag)} frames, as steps do, or there is too little of it; record a clap, a jump or a turn too"
             )
         if self.agreeing > _MIN_AGREEING:
             known = f"only to {self.margin:.1f} frames" if np.isfinite(self.margin) else "to no precision"
@@ -156,7 +157,8 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
     courses, hull, by_hull = _courses_by_motion(signals, offsets, scene.fps), None, None
     # With a calibration the visual hull decides where it can be trusted.
     if scene.calibration is not None and scene.calibrated.placed:
-        sure = all(_judge(scores, k, offsets, 0.0, course).sure for k, course in enumerate(courses))
+        found = (_judge(scores, k, offsets, 0.0, course) for k, course in enumerate(courses))
+        sure = all(view.rival < _ALIKE and view.agreeing > _MIN_AGREEING for view in found)
         about, reach = (offsets, 0) if sure else (np.zeros_like(offsets), round(min(_HULL_REACH, within) * scene.fps))
         by_hull = offsets_by_hull(scene.rig(scale), masks, about, reach)
         hull = by_hull is not None and _can_trust(by_hull, offsets if sure else None)

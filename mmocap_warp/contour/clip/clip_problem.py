@@ -194,13 +194,14 @@ class FixedLag:
     Args:
         problem: whose equations are asked for the frames that are not final yet.
         acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].
+        first: number of the first frame.
     """
 
-    def __init__(self, problem: ClipProblem, acceleration: float = ACCELERATION) -> None:
+    def __init__(self, problem: ClipProblem, acceleration: float = ACCELERATION, first: int = 0) -> None:
         self._problem = problem
         self._passes = (Pass(acceleration, _LAG_STEPS),)
         self._held = self._waiting = problem.rooting.none
-        self._final = 0  # frames so far
+        self._final = first  # number of the first frame that is not final
 
     def add(self, rooted: RootedPoses) -> RootedPoses | None:
         """Takes the next frame's pose, as it was tracked, and returns the poses that are final now, if any are."""

@@ -170,7 +170,7 @@ def content(
         InputError: the truth is of another recording.
     """
     return {
-        "body": _body(result.subject.body),
+        "body": body_content(result.subject.body),
         "cameras": _cameras(result, masks, images, recorded),
         "up": result.cameras.up_vector.tolist(),
         "fps": result.fps,
@@ -186,7 +186,7 @@ def content(
     }
 
 
-def _body(body: BodyModel) -> dict[str, Any]:
+def body_content(body: BodyModel) -> dict[str, Any]:
     """The skin in its bind pose as triangles, and what moves it."""
     skeleton, skin = body.skeleton, body.skin
     corners = np.arange(1, skin.face.shape[1] - 1)

@@ -128,13 +128,14 @@ def resource(package: str, name: str) -> str:
     return files(package).joinpath(name).read_text(encoding="utf-8").strip()
 
 
-def filled(template: str, *, title: str, script: str, style: str, **parts: str) -> str:
+def filled(template: str, *, title: str, script: str, style: str, connects: str = "'none'", **parts: str) -> str:
     """A page of a template that begins with ``$head`` and has its one script in ``$script``.
 
-    The title is plain text; ``parts`` are what else the template names, as markup.
+    The title is plain text; ``parts`` are what else the template names, as markup; ``connects`` says where to the
+    script may connect, as in a content security policy.
     """
     head = Template(resource("mmocap_warp.display.page", "head.html")).substitute(
-        title=escape(title), style=style, style_hash=_hash(style), script_hash=_hash(script)
+        title=escape(title), connects=connects, style=style, style_hash=_hash(style), script_hash=_hash(script)
     )
     return Template(template).substitute(parts, head=head, title=escape(title), script=script)
 

@@ -45,18 +45,12 @@ def with_rig(result: Result, rig: str) -> Result:
     Raises:
         ValueError: no such rig, or a body without a joint of it.
     """
-    if rig not in RIGS:
-        raise ValueError(f"rig must be one of {list(RIGS)}, got {rig!r}")
+    names = rig_names(result.subject.body, rig)
     subject, known = result.subject, RIGS[rig]
     body = subject.body
-    missing = sorted(set(known.names) ^ (set(body.skeleton.joints) - set(body.skeleton.attached)))
-    if missing:
-        more = f" and {len(missing) - _MAX_NAMED} more" if len(missing) > _MAX_NAMED else ""
-        listed = f"{missing[:_MAX_NAMED]}{more}"
-        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {listed}")
     # The body in the rig's rest pose, under the rig's names.
-    turn, rest = _rest_pose(body, known)
-    skeleton = _rename_joints(body.skeleton, known.names | {name: name for name in body.skeleton.attached})
+    turn, rest = rest_pose(body, known)
+    skeleton = _rename_joints(body.skeleton, names)
     rig_body = replace(
         body,
         skeleton=skeleton,
@@ -92,7 +86,24 @@ def with_rig(result: Result, rig: str) -> Result:
     )
 
 
-def _rest_pose(body: BodyModel, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
+def rig_names(body: BodyModel, rig: str) -> dict[str, str]:
+    """A rig's name of each of a body's joints; what is attached keeps its own.
+
+    Raises:
+        ValueError: no such rig, or a body without a joint of it.
+    """
+    if rig not in RIGS:
+        raise ValueError(f"rig must be one of {list(RIGS)}, got {rig!r}")
+    names, attached = RIGS[rig].names, body.skeleton.attached
+    missing = sorted(set(names) ^ (set(body.skeleton.joints) - set(attached)))
+    if missing:
+        more = f" and {len(missing) - _MAX_NAMED} more" if len(missing) > _MAX_NAMED else ""
+        listed = f"{missing[:_MAX_NAMED]}{more}"
+        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {listed}")
+    return names | {name: name for name in attached}
+
+
+def rest_pose(body: BodyModel, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     """How joints are turned from the bind pose to the rig's rest pose, (joint, 3, 3) in body axes; and where they are.
 
     The second is (joint, 3).

@@ -70,7 +70,7 @@ def test_a_rig_is_written(tmp_path: Path):
 
 def test_what_is_no_person_has_no_rig():
     result = synthetic_result()
-    with pytest.raises(ValueError, match=r"rig must be one of \['mixamo'\], got 'fuse'"):
+    with pytest.raises(ValueError, match=r"rig must be one of \['mixamo', 'unity'\], got 'fuse'"):
         with_rig(result, "fuse")
     renamed = replace(result.subject.body.skeleton, joints=("Tail", *result.subject.body.skeleton.joints[1:]))
     body = replace(result.subject.body, skeleton=renamed)

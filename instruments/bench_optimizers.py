@@ -12,13 +12,11 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
+from mmocap_warp.bench.report_file import ASK_AND_TELL, FUNCTION, OURS
 from mmocap_warp.bench.searches import minimises_sphere
 from mmocap_warp.kernels.benchmarks.timing import Case, Check
 from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig, CmaEsParameters
-
-ASK_AND_TELL, FUNCTION = "ask and tell beside peers", "a function beside peers"
-OURS = "mmocap-warp"
 
 _DOFS = 39  # of a generation that is timed
 _FUNCTION_DOFS, _GENERATIONS = 10, 200  # of a search of a function

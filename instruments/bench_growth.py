@@ -8,16 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from mmocap_warp.bench.evaluations import evaluations
+from mmocap_warp.bench.report_file import Report
 from mmocap_warp.bench.searches import same_frames
 from mmocap_warp.bench.workload import SIZE, Workload, workload
 from mmocap_warp.display.chart import Axis, axes, curve, decades, dots, names_of_curves, picture
 from mmocap_warp.kernels.benchmarks.timing import Case
 
-Report = dict[str, Any]
-"""What ``suite.run_suite`` returns."""
 AXES = ("candidates", "cameras", "pixels", "triangles", "runs")
 """The sizes that are varied; a measurement's group is ``GROUP`` and one of them."""
 GROUP = "growth: "

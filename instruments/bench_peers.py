@@ -14,12 +14,11 @@ import cv2
 import numpy as np
 
 from mmocap_warp.bench.evaluations import evaluations
+from mmocap_warp.bench.report_file import PEERS
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.kernels.benchmarks.timing import Case, Check
 from mmocap_warp.masks.observation import unpack_masks
-
-PEER = "peers"
 
 _CANDIDATES = 4  # few enough for a core to draw them in a fraction of a second
 _SUBPIXEL_BITS = 4
@@ -37,7 +36,7 @@ def peers(load: Workload, names: Sequence[str]) -> Iterator[list[Case]]:
     names = [name for name in names if name in _ALLOWED]
     if not names:
         return
-    (ours,) = evaluations(load, (_CANDIDATES,), (1,), "cpu", group=PEER)
+    (ours,) = evaluations(load, (_CANDIDATES,), (1,), "cpu", group=PEERS)
     expected = load.objective(_CANDIDATES, "raster", "cpu")
     expected.evaluate(_CANDIDATES)
     reference = expected.count.numpy().astype(int)
@@ -56,7 +55,7 @@ def _peer(load: Workload, name: str, work: Callable[[np.ndarray], None], referen
         return Check(f"|M| differs by {apart:.2g} pixels a row of the body", apart <= _ALLOWED[name])
 
     sizes = {"candidates": len(reference)} | load.sizes | {"threads": 1}
-    return Case(PEER, name, sizes, partial(work, count), check, len(reference))
+    return Case(PEERS, name, sizes, partial(work, count), check, len(reference))
 
 
 def _boxes(load: Workload, pixels: np.ndarray) -> list[Box]:

@@ -1,0 +1,247 @@
+"""Frames as they come: a scene's own files at their pace, a folder that grows, cameras, or a program's messages."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from mmocap_warp.device.cores import available_threads
+from mmocap_warp.errors import InputError, missing_package
+from mmocap_warp.masks.cleanup import clean_mask
+from mmocap_warp.masks.frames import decode_image, natural_order, read_file
+from mmocap_warp.masks.mask_files import decode_mask_image
+from mmocap_warp.masks.mask_settings import BACKGROUNDS
+from mmocap_warp.masks.visual_hull import repair_masks
+from mmocap_warp.scene.recording import Scene
+
+_STALE = 3.0  # periods after which a camera that sent nothing is lost
+_RETRY = 0.5  # seconds before a camera is opened again
+_FIRST_IMAGE = 15.0  # seconds that cameras may take to send their first images
+_POLL = 0.004  # seconds between looks at a folder
+
+
+class Arrival(NamedTuple):
+    """A frame that came.
+
+    Attributes:
+        number: of the frame; a gap says that frames were dropped.
+        time: when it was seen, in seconds since 1970.
+        masks: (height, width) bool of each camera; None where a camera sent nothing.
+    """
+
+    number: int
+    time: float
+    masks: Sequence[np.ndarray | None]
+
+
+Arrivals = Generator[Arrival, None, None]
+
+
+def arrivals(scene: Scene, scale: float, addresses: Sequence[str]) -> Arrivals:
+    """The frames of a scene as they come.
+
+    Args:
+        scene: whose settings say how masks are made.
+        scale: of the masks.
+        addresses: none for the scene's own files; a folder; a ZMQ address; or what OpenCV opens, for each camera.
+
+    Raises:
+        InputError: the number of addresses is wrong, a package is missing, or what comes is no image of these cameras.
+    """
+    names = scene.calibrated.names
+    if not addresses:
+        return _own_files(scene, scale)
+    if scene.foreground.source not in ("masks", *BACKGROUNDS):
+        remedy = f"set it to one of {', '.join(BACKGROUNDS)}, or to masks where masks come"
+        raise InputError(scene.path, f"[foreground] source = {scene.foreground.source} cannot be live", remedy)
+    if len(addresses) == 1 and addresses[0].startswith(("tcp://", "ipc://")):
+        return _messages(scene, scale, addresses[0])
+    if len(addresses) == 1 and os.path.isdir(addresses[0]):
+        return _growing(scene, scale, Path(addresses[0]))
+    if len(addresses) != len(names):
+        remedy = f"give --source once for each of {', '.join(names)}, in this order"
+        raise InputError(addresses[0], f"is one of {len(addresses)} sources for {len(names)} cameras", remedy)
+    return _from_cameras(scene, scale, addresses)
+
+
+def newest(source: Arrivals) -> Arrivals:
+    """The newest frame, again and again: one that still waits when the next comes is dropped.
+
+    A thread reads the source from the second frame on: trackers search for the first one, and what comes meanwhile is
+    not asked for.
+    """
+    yield from islice(source, 1)
+    waiting: queue.Queue[Arrival | Exception | None] = queue.Queue(1)
+    stopped = threading.Event()
+
+    def read() -> None:
+        end = None
+        try:
+            for frame in source:
+                if stopped.is_set():
+                    break
+                with suppress(queue.Empty):
+                    waiting.get_nowait()
+                waiting.put(frame)
+        except Exception as error:
+            end = error
+        source.close()
+        waiting.put(end)
+
+    threading.Thread(target=read, daemon=True).start()
+    try:
+        while (frame := waiting.get()) is not None:
+            if isinstance(frame, Exception):
+                raise frame
+            yield frame
+    finally:
+        stopped.set()
+
+
+class _MaskMaking:
+    """Masks of images of each camera by a scene's settings, undistorted and cleaned; None remains None."""
+
+    def __init__(self, scene: Scene, scale: float) -> None:
+        self._scene, self._scale, self._rig = scene, scale, scene.rig(scale)
+        self._make = [scene.mask_maker(k, scale) for k in range(len(scene.cameras))]
+        self._kept = [np.zeros((height, width), bool) for width, height in self._rig.size]
+        self._pool = ThreadPoolExecutor(min(len(self._make), available_threads()))  # OpenCV lets other threads run
+
+    def __call__(self, images: Sequence[Any]) -> list[np.ndarray | None]:
+        masks = list(self._pool.map(self._mask, range(len(self._make)), images))
+        self._kept = [old if new is None else new for old, new in zip(self._kept, masks, strict=True)]
+        repairs = self._scene.foreground.repair and all(mask is not None for mask in masks)
+        return [*repair_masks(self._rig, self._kept)] if repairs else masks
+
+    def _mask(self, k: int, image: Any) -> np.ndarray | None:
+        if image is None:
+            return None
+        source, (width, height) = self._scene.cameras[k], self._scene.calibrated.size[k]
+        as_calibrated = source.mask_mark is None and source.recorded_scale == 1 and not any(source.recorded_offset)
+        if as_calibrated and image.shape[:2] != (height, width):
+            problem = f"sends {image.shape[1]}x{image.shape[0]}, the calibration says {width}x{height}"
+            raise InputError(source.name, problem, "set the camera to that size, or calibrate this one")
+        return clean_mask(self._make[k](image), self._scene.foreground, self._scale, self._kept[k])
+
+    def decoded(self, data: bytes, origin: object) -> Any:
+        """The content of an image file, or of a mask's; None where it is not whole: then the camera sent nothing."""
+        with suppress(InputError):
+            return (decode_mask_image if self._scene.foreground.source == "masks" else decode_image)(data, origin)
+
+
+def _own_files(scene: Scene, scale: float) -> Arrivals:
+    """The recording at its pace, or as fast as masks are read; the clock starts once the first frame is done."""
+    due = 0.0
+    for number, masks in enumerate(scene.masks(scale)):
+        time.sleep(max(0.0, due - time.monotonic()))
+        due = max(due, time.monotonic()) + 1.0 / scene.rate if number else 0.0
+        yield Arrival(number, time.time(), masks)
+
+
+def _growing(scene: Scene, scale: float, folder: Path) -> Arrivals:
+    """Numbered images in a folder for each camera, from the last that is there, without an end.
+
+    A frame is there when all cameras have it. Where the next one has come, cameras that lack it sent nothing.
+    """
+    make, folders = _MaskMaking(scene, scale), [folder / name for name in scene.calibrated.names]
+    if missing := [each for each in folders if not each.is_dir()]:
+        raise InputError(missing[0], "no such folder", "make a folder of each camera's name, for its numbered images")
+    while not all(there := [[name for name in os.listdir(each) if name[0].isdecimal()] for each in folders]):
+        time.sleep(_POLL)
+    ends = [each / max(names, key=natural_order) for each, names in zip(folders, there, strict=True)]
+    number = max(int(end.stem) for end in ends)
+
+    def files(of: int) -> list[Path | None]:
+        named = (end.with_stem(f"{of:0{len(end.stem)}d}") for end in ends)
+        return [file if file.exists() else None for file in named]
+
+    while True:
+        while not (all(files(number)) or any(files(number + 1))):
+            time.sleep(_POLL)
+        images = [file and make.decoded(read_file(file), file) for file in files(number)]
+        yield Arrival(number, time.time(), make(images))
+        number += 1
+
+
+def _messages(scene: Scene, scale: float, address: str) -> Arrivals:
+    """Frames that a program publishes by ZMQ: ``{"frame": number, "time": seconds}``, then an image of each camera.
+
+    An image is an image file's content; an empty one says that the camera sent nothing. ``{"end": true}`` ends.
+    """
+    try:
+        import zmq
+    except ImportError:
+        raise missing_package(address, "pyzmq", "read", "live", "give a folder that grows") from None
+    make = _MaskMaking(scene, scale)
+    with zmq.Context() as context, context.socket(zmq.SUB) as socket:
+        socket.subscribe(b"")
+        socket.connect(address)
+        while True:
+            parts = socket.recv_multipart()
+            while socket.poll(0):  # only the newest counts
+                parts = socket.recv_multipart()
+            try:
+                about = json.loads(parts[0])
+                if about.get("end"):
+                    return
+                number, seen = int(about["frame"]), float(about["time"])
+                images = [make.decoded(part, address) for part in parts[1:]]
+                yield Arrival(number, seen, make(images))
+            except (ValueError, KeyError, TypeError, AttributeError) as error:
+                remedy = f'send {{"frame": number, "time": seconds}} and an image of each of {scene.calibrated.names}'
+                raise InputError(address, f"sent what is no frame ({error})", remedy) from None
+
+
+def _camera(address: str, stopped: threading.Event) -> Callable[[float], np.ndarray | None]:
+    """What gives the newest image of a camera, unless it came before a time of the monotonic clock.
+
+    A thread opens the camera, and opens it again where it stops.
+    """
+    newest_image: tuple[float, np.ndarray | None] = (-math.inf, None)
+
+    def read() -> None:
+        nonlocal newest_image
+        while not stopped.is_set():
+            capture = cv2.VideoCapture(int(address) if address.isdecimal() else address)
+            while not stopped.is_set() and (got := capture.read())[0]:
+                newest_image = time.monotonic(), got[1]
+            capture.release()
+            stopped.wait(_RETRY)
+
+    threading.Thread(target=read, daemon=True).start()
+    return lambda oldest: newest_image[1] if newest_image[0] >= oldest else None
+
+
+def _from_cameras(scene: Scene, scale: float, addresses: Sequence[str]) -> Arrivals:
+    """What cameras show at even times, by the scene's frame rate."""
+    make, period, stopped = _MaskMaking(scene, scale), 1.0 / scene.fps, threading.Event()
+    cameras = [_camera(address, stopped) for address in addresses]
+    try:
+        patience = time.monotonic() + _FIRST_IMAGE
+        for address, image in zip(addresses, cameras, strict=True):
+            while image(0.0) is None:
+                if time.monotonic() > patience:
+                    raise InputError(address, "OpenCV gets no image from it", "check the address or the number")
+                time.sleep(_POLL)
+        begin, number = 0.0, 0
+        while True:
+            oldest = time.monotonic() - _STALE * period
+            yield Arrival(number, time.time(), make([image(oldest) for image in cameras]))
+            begin = begin or time.monotonic()  # the clock starts once the first frame is done
+            number = max(number + 1, math.ceil((time.monotonic() - begin) / period))
+            time.sleep(max(0.0, begin + number * period - time.monotonic()))
+    finally:
+        stopped.set()

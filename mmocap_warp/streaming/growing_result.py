@@ -1,0 +1,74 @@
+"""A result that is written as it grows, so that a process that is killed loses no frame whose answer is final.
+
+Frames are appended to a file beside it, and moved into it in the end; after a kill, before the next session.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.usd_result import read_result, write_result
+from mmocap_warp.result.result import STATUS, FrameAnswer, Result
+from mmocap_warp.streaming.senders import Packet
+from mmocap_warp.tracking.frame_loop import collect
+from mmocap_warp.tracking.track_config import TrackConfig
+
+_KINDS = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}  # of a frame in the file
+
+
+class GrowingResult:
+    """Keeps what senders are told: the smoothed frames; when it is closed, the result is whole."""
+
+    def __init__(self, path: Path, subject: Subject, rig: CameraRig, fps: float, config: TrackConfig) -> None:
+        nothing = np.full((1, len(rig)), np.nan)
+        start = FrameAnswer(subject.pose[None], nothing[:, 0], nothing, 0, STATUS.index("lost"), 0.0)
+        begun = collect(subject, rig, fps, config, [start])  # all that is known before a frame comes
+        write_result(path, begun := replace(begun, raw_pose=begun.pose))
+        self._path, self._kind = path, _record(begun)
+        self._file = path.with_name(f"{path.name}.frames").open("wb", buffering=0)
+
+    def send(self, packet: Packet) -> None:
+        """Append a smoothed frame; an InputError if there is no room."""
+        if packet.smooth:
+            frame = packet.answer
+            status = [STATUS.index(each) for each in frame.status]
+            record = np.array((frame.number, frame.pose, frame.raw_pose, frame.iou, status), self._kind)
+            try:
+                self._file.write(record.tobytes())
+            except OSError as error:
+                raise InputError(self._path, f"cannot grow ({error})", "make room") from None
+
+    def close(self) -> None:
+        """Make the result whole."""
+        self._file.close()
+        finish(self._path)
+
+
+def finish(path: Path) -> bool:
+    """Make a growing result whole, and say whether there was one; without any frame, nothing is left of it."""
+    if not (beside := path.with_name(f"{path.name}.frames")).exists():
+        return False
+    begun, data = read_result(path), beside.read_bytes()
+    kind = _record(begun)
+    records = np.frombuffer(data, kind, len(data) // kind.itemsize)  # without what was half-written at a kill
+    if count := len(records):
+        arrays: dict[str, Any] = {name: np.moveaxis(records[name], 0, 1).copy() for name in _KINDS}
+        arrays |= {name: np.repeat(getattr(begun, name), count, axis=1) for name in ("cost", "evaluations")}
+        write_result(path, replace(begun, frame_numbers=records["frame_numbers"], **arrays))
+    else:
+        path.unlink()
+    beside.unlink()
+    return True
+
+
+def _record(result: Result) -> np.dtype:
+    """A frame in the file, of all runs."""
+    shapes = [(name, kind, (len(result.pose), *getattr(result, name).shape[2:])) for name, kind in _KINDS.items()]
+    return np.dtype([("frame_numbers", "<i8"), *shapes])

@@ -1,0 +1,240 @@
+"""Packets to other programs, by the libraries that these use. No sender waits for those who listen."""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject, joint_transforms
+from mmocap_warp.body.rotations import transposed
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.display.chart import COLOURS, colour_rules
+from mmocap_warp.display.page.page_content import body_content
+from mmocap_warp.display.page.viewer import embedded, filled, resource
+from mmocap_warp.errors import InputError, UsageError, missing_package
+from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
+from mmocap_warp.result.excerpt import quarter_turn
+from mmocap_warp.tracking.live import LiveFrame
+
+_HERE = "mmocap_warp.streaming"
+_UNSENT = 256  # packets that wait for a slow listener; it misses later ones
+
+
+@dataclass(frozen=True, eq=False)
+class Packet:
+    """An answer to a frame, of its first run.
+
+    Attributes:
+        answer: what was found.
+        subject: whose body that is.
+        time: when the frame was seen, in seconds since 1970.
+        smooth: whether frames after it had a say.
+        dropped: frames that were dropped so far.
+    """
+
+    answer: LiveFrame
+    subject: Subject
+    time: float
+    smooth: bool
+    dropped: int
+
+    @cached_property
+    def world(self) -> np.ndarray:
+        """(joint, 4, 4) of the joints in the world, turned from the body's bind pose [m]."""
+        world = joint_transforms(self.subject, self.answer.pose[:1])[1][0]
+        world[:, :3, :3] = world[:, :3, :3] @ transposed(self.subject.body.skeleton.frame.astype(float))
+        return world
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """(joint, 7) the same as x, y, z [m] and quaternions x, y, z, w."""
+        return _with_quaternions(self.world[:, :3, 3], self.world[:, :3, :3])
+
+    @cached_property
+    def json(self) -> str:
+        """As ZMQ and WebSocket send it."""
+        told: dict[str, Any] = {name: getattr(self, name) for name in ("time", "smooth", "dropped")}
+        told |= {"frame": self.answer.number, "status": self.answer.status[0]}
+        told |= {"joints": self.subject.body.skeleton.joints, "place": self.values[:, :3].round(5).tolist()}
+        iou = [None if each != each else each for each in self.answer.iou[0].round(4).tolist()]
+        return json.dumps(told | {"turn": self.values[:, 3:].round(6).tolist(), "iou": iou}, separators=(",", ":"))
+
+
+def open_sender(address: str, subject: Subject, rig: CameraRig, fps: float) -> Any:
+    """What tells those at an address, by its ``send(packet)``, until its ``close()``.
+
+    Raises:
+        UsageError: there is no such kind of address.
+        InputError: a package is missing, the address is taken, or the body is none that the listeners know.
+    """
+    parts = urlsplit(address)
+    host, port = parts.hostname or "127.0.0.1", parts.netloc.rpartition(":")[2]
+    if parts.scheme in ("tcp", "ipc"):
+        return _Zmq(address)
+    if parts.scheme == "ws" and port.isdecimal():
+        return _Web(address, host, int(port), subject, rig)
+    if parts.scheme == "vmc" and port.isdecimal():
+        return _Vmc(address, host, int(port), subject, rig.up)
+    if parts.scheme == "lsl" and parts.netloc:
+        return _Lsl(address, subject, fps)
+    kinds = "tcp://HOST:PORT (ZMQ), ws://HOST:PORT (a page), vmc://HOST:PORT and lsl://NAME"
+    raise UsageError(f"--to {address} is no address; possible are {kinds}")
+
+
+def _with_quaternions(place: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(n, 7) places (n, 3), then quaternions x, y, z, w of rotations (n, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.concatenate([place, Rotation.from_matrix(turn).as_quat()], axis=1)
+
+
+def _package(address: str, module: str, package: str) -> Any:
+    try:
+        return import_module(module)
+    except ImportError:
+        raise missing_package(address, package, "opened", "live", "leave that address out") from None
+
+
+class _Zmq:
+    """Publishes packets as JSON, a message each."""
+
+    def __init__(self, address: str) -> None:
+        zmq = _package(address, "zmq", "pyzmq")
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.PUB)
+        self._socket.set_hwm(_UNSENT)
+        try:
+            self._socket.bind(address)
+        except zmq.ZMQError as error:
+            raise InputError(address, f"cannot be opened ({error})", "choose another port") from None
+
+    def send(self, packet: Packet) -> None:
+        self._socket.send_string(packet.json)
+
+    def close(self) -> None:
+        self._context.destroy(linger=1000)
+
+
+class _Web:
+    """Serves a page that draws the body, and packets as JSON over WebSocket to it and to programs."""
+
+    def __init__(self, address: str, host: str, port: int, subject: Subject, rig: CameraRig) -> None:
+        server = _package(address, "websockets.sync.server", "websockets")
+        self._gone = import_module("websockets.exceptions").ConnectionClosed
+        self._page, self._listeners, self._closed = _page(subject, rig), set[queue.Queue[str]](), False
+        try:
+            self._server = server.serve(self._listen, host, port, process_request=self._answer, compression=None)
+        except OSError as error:
+            raise InputError(address, f"cannot be opened ({error.strerror})", "choose another port") from None
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def send(self, packet: Packet) -> None:
+        for waiting in tuple(self._listeners):
+            with suppress(queue.Full):
+                waiting.put_nowait(packet.json)
+
+    def close(self) -> None:
+        self._closed = True
+        self._server.shutdown()
+
+    def _listen(self, connection: Any) -> None:
+        waiting: queue.Queue[str] = queue.Queue(_UNSENT)
+        self._listeners.add(waiting)
+        with suppress(self._gone):
+            while not self._closed:
+                with suppress(queue.Empty):
+                    connection.send(waiting.get(timeout=0.5))
+        self._listeners.remove(waiting)
+
+    def _answer(self, connection: Any, request: Any) -> Any:
+        """The page, to whoever asks for no WebSocket; a WebSocket to programs and to this page, not to other pages."""
+        origin = request.headers.get("Origin")
+        if "Upgrade" in request.headers:
+            is_other = origin is not None and urlsplit(origin).netloc != request.headers.get("Host")
+            return connection.respond(403, "open this server's own page\n") if is_other else None
+        response = connection.respond(200, self._page)
+        del response.headers["Content-Type"]
+        response.headers["Content-Type"] = "text/html; charset=utf-8"
+        return response
+
+
+def _page(subject: Subject, rig: CameraRig) -> str:
+    """The page that draws what is sent."""
+    cameras = [{what: getattr(rig, what)[k].tolist() for what in ("K", "R", "t", "size")} for k in range(len(rig))]
+    content = {"body": body_content(subject.body), "cameras": cameras, "names": rig.names, "colours": COLOURS}
+    scripts = [resource("mmocap_warp.display.page", f"{name}.js") for name in ("data", "pinhole", "stage", "layers")]
+    return filled(
+        resource(_HERE, "live.html"),
+        title="Live",
+        script="\n".join([*scripts, resource(_HERE, "live.js")]),
+        style=colour_rules(":root") + resource("mmocap_warp.display.page", "page.css"),
+        connects="'self'",
+        content=embedded(content | {"up": rig.up_vector.tolist()}),
+    )
+
+
+class _Vmc:
+    """Sends a person's bones by the Virtual Motion Capture protocol, as Unity has them: left-handed, y up."""
+
+    def __init__(self, address: str, host: str, port: int, subject: Subject, up: str) -> None:
+        self._client = _package(address, "pythonosc.udp_client", "python-osc").SimpleUDPClient(host, port)
+        skeleton = subject.body.skeleton
+        try:
+            rig_names(subject.body, "unity")
+        except ValueError as error:
+            raise InputError(address, str(error), "VMC is for people: send to another address") from None
+        self._bones = [(skeleton.index(joint), name) for joint, name in RIGS["unity"].names.items()]
+        turn, rest = rest_pose(subject.body, RIGS["unity"])
+        self._from_rest, self._parent = transposed(turn), np.array(skeleton.parent)
+        self._offset, self._upright = rest - rest[self._parent], quarter_turn(up, "+y")
+        self._smooth, self._begin = address.endswith("?smooth"), 0.0
+
+    def send(self, packet: Packet) -> None:
+        if packet.smooth != self._smooth:
+            return
+        self._begin = self._begin or packet.time
+        turned = self._upright @ packet.world[:, :3, :3] @ self._from_rest
+        place, own = self._offset.copy(), transposed(turned[self._parent]) @ turned
+        place[0], own[0] = self._upright @ packet.world[0, :3, 3], turned[0]
+        values = _with_quaternions(place, own) * [-1, 1, 1, 1, -1, -1, 1]  # x is mirrored
+        tell = self._client.send_message
+        tell("/mmocap/frame", [packet.answer.number, str(packet.time)])
+        tell("/VMC/Ext/Root/Pos", ["root", *(0.0,) * 6, 1.0])
+        for joint, name in self._bones:
+            tell("/VMC/Ext/Bone/Pos", [name, *values[joint].tolist()])
+        tell("/VMC/Ext/OK", 1)
+        tell("/VMC/Ext/T", packet.time - self._begin)
+
+    def close(self) -> None:
+        pass
+
+
+class _Lsl:
+    """Two streams of Lab Streaming Layer, NAME and NAME-smooth: number, time, and seven values of each joint."""
+
+    def __init__(self, address: str, subject: Subject, fps: float) -> None:
+        lsl, self._outlets = _package(address, "pylsl", "pylsl"), []
+        axes = ("x", "y", "z", "qx", "qy", "qz", "qw")
+        labels = ["frame", "time", *(f"{joint}.{axis}" for joint in subject.body.skeleton.joints for axis in axes)]
+        for name in (address[6:], f"{address[6:]}-smooth"):
+            info = lsl.StreamInfo(name, "MoCap", len(labels), fps, lsl.cf_double64, f"mmocap {name}")
+            info.set_channel_labels(labels)
+            self._outlets.append(lsl.StreamOutlet(info))
+        self._clock = lsl.local_clock
+
+    def send(self, packet: Packet) -> None:
+        seen = self._clock() - (time.time() - packet.time)
+        self._outlets[packet.smooth].push_sample([packet.answer.number, packet.time, *packet.values.ravel()], seen)
+
+    def close(self) -> None:
+        self._outlets = []

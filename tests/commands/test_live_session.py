@@ -1,0 +1,113 @@
+"""Live sessions: what comes is tracked and told, the result grows, and what cannot be is refused at once."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from small_scene import CAMERAS, SCENE, make_scene
+from walk_scene import walking
+
+import mmocap_warp as mm
+from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.scenes import ROOT
+
+WALK = ROOT / "walk"
+SETTINGS = {"device": "cpu", "scale": 0.25, "algorithm": "contour"}
+
+
+@pytest.fixture(scope="module")
+def subject() -> mm.Subject:
+    """The walker, at the first frame."""
+    made = walking()
+    return mm.Subject(made.body, made.root_base, made.poses[0], {"fit.first_frame": 0})
+
+
+def test_what_cannot_be_is_refused_before_anything_starts(subject, tmp_path):
+    with pytest.raises(mm.UsageError, match="runs must be 1 to track live, got 2"):
+        mm.live(WALK, subject, runs=2)
+    with pytest.raises(mm.UsageError, match="to udp://here is no address; possible are tcp://HOST:PORT"):
+        mm.live(WALK, subject, to=("udp://here",), device="cpu")
+    with pytest.raises(mm.InputError, match=r"live\.txt: ends in '\.txt'"):
+        mm.live(WALK, subject, record=tmp_path / "live.txt")
+    (tmp_path / "old.usdc").touch()
+    with pytest.raises(mm.InputError, match=r"old\.usdc: exists already"):
+        mm.live(WALK, subject, record=tmp_path / "old.usdc")
+    folder = make_scene(tmp_path)
+    (folder / "scene.toml").write_text(SCENE.replace(CAMERAS, CAMERAS.replace("masks = ", "# ")))
+    with pytest.raises(mm.InputError, match="names no subject, and what is to come cannot be fitted to"):
+        mm.live(folder, source=("0", "1", "2"), device="cpu")
+
+
+class Listener(mm.Reporter):
+    """Remembers notes."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def note(self, line: str) -> None:
+        """Remember it."""
+        self.notes.append(line)
+
+
+@pytest.mark.nightly
+def test_a_session_is_told_and_kept(subject, tmp_path, monkeypatch):
+    monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames: frames)  # however slow this machine
+    path = tmp_path / "live.usdc"
+    report = mm.live(WALK, subject, frames="::2", record=path, **SETTINGS)
+    assert (report.frames, report.dropped, report.lost) == (32, 0, 0)
+    assert report.delay_ms[0] <= report.delay_ms[1] <= report.delay_ms[2]
+    result = mm.load_result(path)
+    assert result.frame_numbers.tolist() == list(range(32))
+    assert np.linalg.norm(result.pose[0, :, :3] - walking().poses[::2, :3], axis=1).max() < 0.03
+
+
+@pytest.mark.nightly
+def test_a_session_that_is_killed_keeps_its_frames(subject, tmp_path):
+    write_subject(tmp_path / "subject.usdc", subject)
+    path = tmp_path / "live.usdc"
+    flags = ["--subject", "subject.usdc", "--record", "live.usdc", "--device", "cpu", "--algorithm", "contour"]
+    command = [sys.executable, "-m", "mmocap_warp", "live", str(WALK), *flags, "--scale", "0.25", "--json"]
+    killed = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    beside = tmp_path / "live.usdc.frames"
+    while not (beside.exists() and beside.stat().st_size):
+        assert killed.poll() is None
+        time.sleep(0.01)
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    listener = Listener()
+    with pytest.raises(mm.InputError, match=r"live\.usdc: exists already"):
+        mm.live(WALK, subject, record=path, reporter=listener)
+    assert listener.notes == [f"{path}: holds the frames of a session that was killed"]
+    assert mm.load_result(path).frame_numbers[0] == 0
+    assert not beside.exists()
+
+
+@pytest.mark.nightly
+def test_ctrl_c_ends_a_session_as_its_end_does(subject, tmp_path):
+    write_subject(tmp_path / "subject.usdc", subject)
+    names = mm.load_scene(WALK).calibrated.names
+    for camera in names:
+        (tmp_path / "growing" / camera).mkdir(parents=True)
+    flags = ["--subject", "subject.usdc", "--record", "live.usdc", "--source", "growing", "--device", "cpu"]
+    command = [sys.executable, "-m", "mmocap_warp", "live", str(WALK), *flags, "--scale", "0.25", "--json"]
+    running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    beside, number = tmp_path / "live.usdc.frames", 0
+    while not (beside.exists() and beside.stat().st_size):  # until some are smoothed
+        assert running.poll() is None
+        for camera in names:
+            mask = (WALK / "masks" / camera / f"{min(number // 20, 63):04d}.png").read_bytes()
+            (tmp_path / "growing" / camera / f"{number:06d}.png").write_bytes(mask)
+        number += 1
+        time.sleep(0.02)
+    running.send_signal(signal.SIGINT)
+    output, _ = running.communicate(timeout=60)
+    assert running.returncode == 0
+    tracked, kept = json.loads(output)["frames"], mm.load_result(tmp_path / "live.usdc").frame_numbers
+    assert tracked > 4
+    assert len(kept) >= tracked

@@ -1,0 +1,64 @@
+"""A result that grows survives a kill: what was appended is there, and what was half-written is left out."""
+
+from __future__ import annotations
+
+from contextlib import closing
+
+import numpy as np
+from synthetic import ring_rig, synthetic_poses, synthetic_subject
+
+from mmocap_warp.formats.usd.usd_result import read_result
+from mmocap_warp.streaming.growing_result import GrowingResult, finish
+from mmocap_warp.streaming.senders import Packet
+from mmocap_warp.tracking.live import LiveFrame
+from mmocap_warp.tracking.track_config import TrackConfig
+
+SUBJECT, RIG = synthetic_subject(), ring_rig(2)
+POSES = synthetic_poses(4)
+
+
+def packets() -> list[Packet]:
+    iou = np.array([[0.9, np.nan]])
+    frames = [
+        LiveFrame(number, pose[None], pose[None] + 0.01, np.zeros((1, 1, 3)), iou, ("partial",))
+        for number, pose in zip((5, 6, 7, 9), POSES, strict=True)
+    ]
+    return [Packet(frame, SUBJECT, 0.0, smooth, 0) for frame in frames for smooth in (False, True)]
+
+
+def grown(path) -> GrowingResult:
+    return GrowingResult(path, SUBJECT, RIG, 30.0, TrackConfig(device="cpu"))
+
+
+def check(path, count: int) -> None:
+    result = read_result(path)
+    assert result.frame_numbers.tolist() == [5, 6, 7, 9][:count]
+    np.testing.assert_array_equal(result.pose[0], POSES[:count])
+    np.testing.assert_array_equal(result.raw_pose[0], POSES[:count] + 0.01)
+    np.testing.assert_array_equal(result.iou[0], [[0.9, np.nan]] * count)
+    assert result.fps == 30
+    assert not finish(path)  # there is nothing left to do
+
+
+def test_what_was_added_is_the_result(tmp_path):
+    path = tmp_path / "live.usdc"
+    with closing(grown(path)) as result:
+        for packet in packets():
+            result.send(packet)
+    check(path, 4)
+
+
+def test_after_a_kill_all_whole_frames_are_recovered(tmp_path):
+    path = tmp_path / "live.usdc"
+    result = grown(path)
+    for packet in packets():
+        result.send(packet)
+    beside = tmp_path / "live.usdc.frames"
+    beside.write_bytes(beside.read_bytes()[:-5])  # the process is gone, and its last frame is half-written
+    assert finish(path)
+    check(path, 3)
+
+
+def test_without_a_frame_nothing_is_left(tmp_path):
+    grown(tmp_path / "live.usdc").close()
+    assert list(tmp_path.iterdir()) == []

@@ -4,6 +4,7 @@ import warp as wp
 
 from mmocap_warp.kernels.block import Batch, lanes_of, run_of, sync, sync_warp
 from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints, chain_joint, turn_joint
+from mmocap_warp.kernels.launching import launch
 
 wp.set_module_options({"enable_backward": False})
 
@@ -40,7 +41,7 @@ def skin(body: Body, joints: Joints, posed: wp.array[wp.vec3]) -> None:
 
     ``posed`` is (candidate, vertex).
     """
-    wp.launch(_skin, posed.shape, [body, joints], [posed], device=posed.device)
+    launch(_skin, posed.shape, [body, joints], [posed], device=posed.device)
 
 
 @wp.kernel
@@ -88,6 +89,6 @@ def pose_vertices(
     """
     lanes = lanes_of(posed.device)
     dim = (batch.size, lanes)
-    wp.launch(
+    launch(
         _pose_vertices, dim, [body, pose, vertex, batch, lanes], [joints, posed], block_dim=lanes, device=posed.device
     )

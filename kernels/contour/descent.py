@@ -24,6 +24,7 @@ from mmocap_warp.kernels.block import (
     sync_warp,
 )
 from mmocap_warp.kernels.contour.normal_equations import Sums
+from mmocap_warp.kernels.launching import launch
 from mmocap_warp.kernels.native import native_sections
 
 wp.set_module_options({"enable_backward": False})
@@ -104,7 +105,7 @@ def pass_over(sums: Sums, batch: Batch, descent: Descent, count: wp.array[wp.int
     """Empty the outlines (candidate, camera) of a batch's poses that will be left: nobody needs their derivatives."""
     device = descent.pose.device
     lanes = lanes_of(device)
-    wp.launch(_pass_over, (batch.size, lanes), [sums, descent, batch, lanes], [count], block_dim=lanes, device=device)
+    launch(_pass_over, (batch.size, lanes), [sums, descent, batch, lanes], [count], block_dim=lanes, device=device)
 
 
 @wp.func
@@ -263,4 +264,4 @@ def descend(sums: Sums, batch: Batch, descent: Descent, steps: bool) -> None:
     """
     device = descent.pose.device
     lanes = lanes_of(device)
-    wp.launch(_descend, (batch.size, lanes), [sums, batch, lanes, steps], [descent], block_dim=lanes, device=device)
+    launch(_descend, (batch.size, lanes), [sums, batch, lanes, steps], [descent], block_dim=lanes, device=device)

@@ -23,6 +23,7 @@ from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, Batch, blocks_of, l
 from mmocap_warp.kernels.body.kinematics import Body, Joints, rotation_of, translation_of
 from mmocap_warp.kernels.contour.outline import Outline
 from mmocap_warp.kernels.contour.residuals import Residuals
+from mmocap_warp.kernels.launching import launch
 from mmocap_warp.kernels.views.projection import Pinhole, Views, into_camera, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
@@ -107,7 +108,7 @@ def _turn_axes(
 
 def turn_axes(pose: wp.array[wp.float32], batch: Batch, posed: Posed) -> None:
     """Find the axes that a batch's joints turn about or slide along; ``pose`` is (candidate, coordinate) [m, rad]."""
-    wp.launch(_turn_axes, (batch.size, posed.axes.shape[1]), [pose, batch], [posed], device=pose.device)
+    launch(_turn_axes, (batch.size, posed.axes.shape[1]), [pose, batch], [posed], device=pose.device)
 
 
 @wp.kernel
@@ -133,7 +134,7 @@ def move_origins(posed: Posed, change: RestChange, batch: Batch) -> None:
     parameters = change.vertex.shape[0]
     if parameters:
         dim = (batch.size, parameters)
-        wp.launch(
+        launch(
             _move_origins, dim, [change, posed.body, posed.joints, batch], [change.origin], device=change.origin.device
         )
 
@@ -324,4 +325,4 @@ def differentiate(
     lanes = lanes_of(device, shares * VIEW_LANES)
     dim = (batch.size, cameras, lanes)
     inputs = [posed, tree, change, views, outline, residuals, batch, lanes, shares]
-    wp.launch(_differentiate, dim, inputs, [rows], block_dim=_BLOCK, device=device)
+    launch(_differentiate, dim, inputs, [rows], block_dim=_BLOCK, device=device)

@@ -13,6 +13,7 @@ from mmocap_warp.kernels.block import CPU_FLAGS, Batch, lanes_of, matrix_at, sha
 from mmocap_warp.kernels.contour.jacobian import Rows
 from mmocap_warp.kernels.contour.outline import Outline
 from mmocap_warp.kernels.contour.residuals import Residuals
+from mmocap_warp.kernels.launching import launch
 from mmocap_warp.kernels.native import native_sections
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
@@ -108,7 +109,7 @@ def sum_tallies(outline: Outline, residuals: Residuals, batch: Batch, sums: Sums
     device = outline.image.device
     lanes = lanes_of(device)
     dim = (batch.size, outline.count.shape[1], lanes)
-    wp.launch(_sum_tallies, dim, [outline, residuals, batch, lanes], [sums], block_dim=lanes, device=device)
+    launch(_sum_tallies, dim, [outline, residuals, batch, lanes], [sums], block_dim=lanes, device=device)
 
 
 @wp.kernel
@@ -147,6 +148,4 @@ def sum_normal_equations(outline: Outline, residuals: Residuals, rows: Rows, bat
     half = (rows.width + 1) // 2
     blocks = 1 if lanes == 1 else math.ceil(triangle_words(half) / lanes)
     dim = (batch.size, outline.count.shape[1], blocks * lanes)
-    wp.launch(
-        _sum_normal_equations, dim, [outline, residuals, rows, batch, lanes], [sums], block_dim=lanes, device=device
-    )
+    launch(_sum_normal_equations, dim, [outline, residuals, rows, batch, lanes], [sums], block_dim=lanes, device=device)

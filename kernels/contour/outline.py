@@ -20,6 +20,7 @@ import warp as wp
 
 from mmocap_warp.kernels.block import CPU_FLAGS, Batch, lanes_of, shared_numbers, shared_words, sync
 from mmocap_warp.kernels.contour.moving import Moving, seen_at
+from mmocap_warp.kernels.launching import launch
 from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, into_camera, pinhole
 
@@ -316,4 +317,4 @@ def find_contours(
     lanes = lanes_of(posed.device, _LANES)
     dim = (batch.size, outline.count.shape[1], lanes)
     inputs = [edges, posed, moving, views, batch, lanes]
-    wp.launch(_find_contours, dim, inputs, [outline], block_dim=lanes, device=posed.device)
+    launch(_find_contours, dim, inputs, [outline], block_dim=lanes, device=posed.device)

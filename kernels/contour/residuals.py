@@ -10,6 +10,7 @@ import warp as wp
 
 from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, Batch, lanes_of
 from mmocap_warp.kernels.contour.outline import Outline, is_outline
+from mmocap_warp.kernels.launching import launch
 from mmocap_warp.kernels.views.projection import Views
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
@@ -208,4 +209,4 @@ def find_residuals(
     lanes = lanes_of(device, VIEW_LANES)
     dim = (batch.size, outline.count.shape[1], lanes)
     inputs = [outline, fields, views, matching, batch, lanes]
-    wp.launch(_find_residuals, dim, inputs, [residuals], block_dim=_BLOCK, device=device)
+    launch(_find_residuals, dim, inputs, [residuals], block_dim=_BLOCK, device=device)

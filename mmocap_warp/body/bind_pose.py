@@ -33,7 +33,8 @@ def bind_pose_turns(body: BodyModel) -> BindPoseTurns:
     turns in proportion to how thick it is for its length. Where no skin bends (:func:`thickness`) nothing is turned.
     """
     rest, place = body.skin.rest.astype(np.float64), body.joint_rest.astype(np.float64)
-    weight, below, thick = mirrored_weights(body), body.skeleton.below, thickness(body)
+    weight, below = mirrored_weights(body), body.skeleton.below
+    thick = thickness(body, weight)
     length = _mean_distance(body, weight)
     groups = list(mirrored_joints(body).values())
     symmetric = any(len(group) > 1 for group in groups)
@@ -60,12 +61,13 @@ def bind_pose_turns(body: BodyModel) -> BindPoseTurns:
     )
 
 
-def thickness(body: BodyModel) -> np.ndarray:
+def thickness(body: BodyModel, weight: np.ndarray) -> np.ndarray:
     """(joint,) mean distance from each joint's centre of the skin that bends with it [m]; zero where none does.
 
-    That is skin which follows both the joint and its parent, of the root both it and its children.
+    That is skin which follows, by weights (vertex, joint), both the joint and its parent, of the root both it and its
+    children.
     """
-    parent, weight = np.array(body.skeleton.parent), mirrored_weights(body)
+    parent = np.array(body.skeleton.parent)
     beside = weight[:, parent]
     beside[:, 0] = weight[:, parent == 0].sum(axis=1)
     return _mean_distance(body, weight * beside)

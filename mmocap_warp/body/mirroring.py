@@ -9,6 +9,7 @@ from mmocap_warp.body.model import BodyModel
 _SIDES = (("L", "R"), ("l", "r"), ("Left", "Right"), ("left", "right"), ("LEFT", "RIGHT"))
 _JOINT_TOLERANCE = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
 _VERTEX_TOLERANCE = 1e-3  # how far mirrored vertices may be apart, as a share of the mesh's extent
+_TOGETHER = 4096  # vertices whose mirror images are looked for at a time: it bounds memory
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
@@ -55,8 +56,6 @@ def mirrored_weights(body: BodyModel) -> np.ndarray:
     Each vertex takes the mean of its own weights and of its mirror image's, which has them at the other side's joints.
     A vertex without a mirror image keeps its own.
     """
-    from scipy.spatial import cKDTree
-
     skin = body.skin
     weight = np.zeros((len(skin.rest), len(body.joint_rest)))
     np.add.at(weight, (np.arange(len(weight))[:, None], skin.joint), skin.weight.astype(np.float64))
@@ -69,8 +68,33 @@ def mirrored_weights(body: BodyModel) -> np.ndarray:
     # of vertices that lie on each other, the one with like weights is the mirror image
     own = np.concatenate([rest, near * weight], axis=1)
     image = np.concatenate([rest * _MIRROR, near * weight[:, across]], axis=1)
-    mirror = cKDTree(own).query(image)[1]
+    mirror = _nearest(own, image, 2 * near)
     apart = np.linalg.norm(rest[mirror] - rest * _MIRROR, axis=1)
     has_image = (apart <= near) & (mirror[mirror] == np.arange(len(mirror)))
     mean = (weight + weight[mirror][:, across]) / 2
     return np.where(has_image[:, None], mean, weight)
+
+
+def _nearest(points: np.ndarray, places: np.ndarray, reach: float) -> np.ndarray:
+    """(place,) the point (n, value) nearest to each place (place, value); any one where none is within ``reach``.
+
+    SciPy's tree does the same, but it takes longer to load than this takes.
+    """
+    if len(places) > _TOGETHER:
+        parts = np.array_split(places, -(-len(places) // _TOGETHER))
+        return np.concatenate([_nearest(points, part, reach) for part in parts])
+    long = int(np.ptp(points[:, :3], axis=0).argmax())
+    order = np.argsort(points[:, long], kind="stable")
+    first, last = (np.searchsorted(points[order, long], places[:, long] + side) for side in (-reach, reach))
+    # Each place with each point that is beside it along the longest axis.
+    count = last - first
+    place = np.repeat(np.arange(len(places)), count)
+    point = order[np.arange(len(place)) + np.repeat(first - np.cumsum(count) + count, count)]
+    for axis in {0, 1, 2} - {long}:
+        near = np.abs(points[point, axis] - places[place, axis]) < reach
+        place, point = place[near], point[near]
+    apart = ((points[point] - places[place]) ** 2).sum(axis=1)
+    nearest = np.zeros(len(places), int)
+    farthest_first = np.lexsort((point, apart))[::-1]
+    nearest[place[farthest_first]] = point[farthest_first]
+    return nearest

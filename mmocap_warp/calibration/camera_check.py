@@ -64,25 +64,16 @@ _FRAMES = 8  # frames in which silhouettes are compared with the hull of the oth
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """A camera that disagrees.
+    """A camera that disagrees."""
 
-    Attributes:
-        camera: its name.
-        cause: one of ``CAUSES``, that of the gross mistake, ``dropped frames`` or ``frame rate``.
-        change: (camera, parameter) that puts it right; None where no change of the parameters does.
-        explained: share of all error that this explains, in 0 to 1.
-        others: causes that explain nearly as much.
-        mistake: the gross mistake, where it is one.
-        words: what is wrong, in words, where it is no change of the parameters.
-    """
-
-    camera: str
-    cause: str
+    camera: str  # its name
+    cause: str  # one of ``CAUSES``, that of the gross mistake, ``dropped frames`` or ``frame rate``
+    # (camera, parameter) that puts it right; None where no change of the parameters does
     change: np.ndarray | None = None
-    explained: float = 1.0
-    others: tuple[str, ...] = ()
-    mistake: Mistake | None = None
-    words: str = ""
+    explained: float = 1.0  # share of all error that this explains, in 0 to 1
+    others: tuple[str, ...] = ()  # causes that explain nearly as much
+    mistake: Mistake | None = None  # the gross mistake, where it is one
+    words: str = ""  # what is wrong, in words, where it is no change of the parameters
 
     @classmethod
     def of(cls, mistake: Mistake) -> Finding:

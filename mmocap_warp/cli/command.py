@@ -29,17 +29,11 @@ _LAST = ("settings", "resume", "accept_changed_code", "trust_cameras", "force") 
 
 
 class Given(NamedTuple):
-    """How the command line takes a parameter in another way than the function.
+    """How the command line takes a parameter in another way than the function."""
 
-    Attributes:
-        type: as the parser reads it.
-        default: ``REQUIRED`` for none; the function's own where it is left out.
-        kind: ``BY_PLACE``, ``BY_FLAG`` or ``ANY_NUMBER``; where it is left out it follows from the function's.
-    """
-
-    type: Any
-    default: Any = ...
-    kind: Any = ...
+    type: Any  # as the parser reads it
+    default: Any = ...  # ``REQUIRED`` for none; the function's own where it is left out
+    kind: Any = ...  # ``BY_PLACE``, ``BY_FLAG`` or ``ANY_NUMBER``; where it is left out it follows from the function's
 
 
 def several(flag: str, of: type = str) -> Any:

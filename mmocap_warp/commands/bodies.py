@@ -34,17 +34,11 @@ from mmocap_warp.whole_file import read_text
 
 @dataclass(frozen=True, repr=False)
 class BodyFile:
-    """A body and what was written of it.
+    """A body and what was written of it."""
 
-    Attributes:
-        body: the body.
-        file: what was written: the body, or a picture of it.
-        motions: the body's own motions, by name.
-    """
-
-    body: BodyModel
-    file: Path
-    motions: dict[str, BodyMotion] = field(default_factory=dict)
+    body: BodyModel  # the body
+    file: Path  # what was written: the body, or a picture of it
+    motions: dict[str, BodyMotion] = field(default_factory=dict)  # the body's own motions, by name
 
     def __repr__(self) -> str:
         return f"{self.file}: {len(self.body.skeleton.joints)} joints, {len(self.motions)} motions"
@@ -52,15 +46,10 @@ class BodyFile:
 
 @dataclass(frozen=True, repr=False)
 class LearntBody(BodyFile):
-    """A body with limits as its joints were seen to turn.
+    """A body with limits as its joints were seen to turn."""
 
-    Attributes:
-        before: the skeleton with its earlier limits.
-        frames: how many poses were seen.
-    """
-
-    before: Skeleton = field(kw_only=True)
-    frames: int = field(kw_only=True)
+    before: Skeleton = field(kw_only=True)  # the skeleton with its earlier limits
+    frames: int = field(kw_only=True)  # how many poses were seen
 
 
 @releases_locks

@@ -43,19 +43,12 @@ _FOREGROUND, _BACKGROUND = 128, 64  # grays of a mask that stands for a missing 
 
 @dataclass(frozen=True)
 class CameraTable:
-    """A scene's cameras, to be compared with the room.
+    """A scene's cameras, to be compared with the room."""
 
-    Attributes:
-        rows: a summary of each camera.
-        size: (camera, 2) width and height of their images [px].
-        up: the world's vertical.
-        pictures: of the world's axes in each view.
-    """
-
-    rows: tuple[CameraSummary, ...]
-    size: np.ndarray
-    up: str
-    pictures: tuple[Path, ...] = ()
+    rows: tuple[CameraSummary, ...]  # a summary of each camera
+    size: np.ndarray  # (camera, 2) width and height of their images [px]
+    up: str  # the world's vertical
+    pictures: tuple[Path, ...] = ()  # of the world's axes in each view
 
     @property
     def mean_height(self) -> float:

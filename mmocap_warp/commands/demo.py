@@ -44,21 +44,14 @@ EXAMPLES = {
 
 @dataclass(frozen=True)
 class Demo:
-    """How well an example was tracked.
+    """How well an example was tracked."""
 
-    Attributes:
-        report: of :func:`mmocap_warp.result.evaluation.evaluate`, without its series.
-        files: what was written, by kind.
-        good: whether the error is what it is where all works.
-        paper: the report and the files of the paper's best tracker, where that was asked for.
-        size: of a body that is no person [m]; NaN of the walk.
-    """
-
-    report: dict[str, Any]
-    files: dict[str, Path]
-    good: bool
+    report: dict[str, Any]  # of :func:`mmocap_warp.result.evaluation.evaluate`, without its series
+    files: dict[str, Path]  # what was written, by kind
+    good: bool  # whether the error is what it is where all works
+    # the report and the files of the paper's best tracker, where that was asked for
     paper: tuple[dict[str, Any], dict[str, Path]] | None = None
-    size: float = float("nan")
+    size: float = float("nan")  # of a body that is no person [m]; NaN of the walk
 
     @property
     def share(self) -> float:

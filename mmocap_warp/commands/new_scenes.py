@@ -27,17 +27,11 @@ from mmocap_warp.whole_file import write_whole
 
 @dataclass(frozen=True, repr=False)
 class MadeScene:
-    """A made recording that was written as a scene.
+    """A made recording that was written as a scene."""
 
-    Attributes:
-        scene: its file.
-        recording: the body, its poses and the cameras.
-        motion: the name of its motion.
-    """
-
-    scene: Path
-    recording: Recording
-    motion: str
+    scene: Path  # its file
+    recording: Recording  # the body, its poses and the cameras
+    motion: str  # the name of its motion
 
     def __repr__(self) -> str:
         made = self.recording

@@ -37,19 +37,13 @@ _DRAWN_LENGTH = 1600
 
 @dataclass(frozen=True)
 class Drawing:
-    """What was drawn.
+    """What was drawn."""
 
-    Attributes:
-        video: all frames; None of a subject, which has one.
-        sheet: some frames of all cameras, or the subject.
-        strip: the animated strip, where it was asked for.
-        report: ``verdict`` and ``iou_by_camera`` as ``evaluate`` gives them; empty of a subject.
-    """
-
-    video: Path | None
-    sheet: Path
+    video: Path | None  # all frames; None of a subject, which has one
+    sheet: Path  # some frames of all cameras, or the subject
+    # ``verdict`` and ``iou_by_camera`` as ``evaluate`` gives them; empty of a subject
     report: dict[str, Any] = field(default_factory=dict)
-    strip: Path | None = None
+    strip: Path | None = None  # the animated strip, where it was asked for
 
 
 @releases_locks
@@ -239,19 +233,12 @@ def view(
 
 @dataclass(frozen=True)
 class Export:
-    """What was exported.
+    """What was exported."""
 
-    Attributes:
-        files: those that were written, one for each run.
-        frames: how many each has.
-        fps: frames per second.
-        up: the vertical of its world.
-    """
-
-    files: tuple[Path, ...]
-    frames: int
-    fps: float
-    up: str
+    files: tuple[Path, ...]  # those that were written, one for each run
+    frames: int  # how many each has
+    fps: float  # frames per second
+    up: str  # the vertical of its world
 
 
 @releases_locks

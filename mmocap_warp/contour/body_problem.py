@@ -18,37 +18,23 @@ LARGEST_CHANGE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class BodySolution:
-    """A body and the poses it was found in.
+    """A body and the poses it was found in."""
 
-    Attributes:
-        beta: (parameter,) float64.
-        covariance: (parameter, parameter) float64, with the poses unknown too.
-        rooted: the poses.
-        cost: (frame,) float64, what the contours cost.
-    """
-
-    beta: np.ndarray
-    covariance: np.ndarray
-    rooted: RootedPoses
-    cost: np.ndarray
+    beta: np.ndarray  # (parameter,) float64
+    covariance: np.ndarray  # (parameter, parameter) float64, with the poses unknown too
+    rooted: RootedPoses  # the poses
+    cost: np.ndarray  # (frame,) float64, what the contours cost
 
 
 @dataclass(frozen=True, eq=False)
 class BodyProblem:
-    """What is known of a body.
+    """What is known of a body."""
 
-    Attributes:
-        linearise: the contours' equations.
-        rooting: moves poses.
-        generic: (parameter,) the body that is expected before anything is seen.
-        sigma: (parameter,) how far it is from that, as standard deviations.
-        still: how many of the first searched coordinates are the same in all frames: those of a base that is fixed.
-    """
-
-    linearise: LineariseBody
-    rooting: Rooting
-    generic: np.ndarray
-    sigma: np.ndarray
+    linearise: LineariseBody  # the contours' equations
+    rooting: Rooting  # moves poses
+    generic: np.ndarray  # (parameter,) the body that is expected before anything is seen
+    sigma: np.ndarray  # (parameter,) how far it is from that, as standard deviations
+    # how many of the first searched coordinates are the same in all frames: those of a base that is fixed
     still: int = 0
 
     def solved(self, frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray, steps: int = 12) -> BodySolution:

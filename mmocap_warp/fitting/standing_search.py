@@ -34,21 +34,13 @@ class NoSubjectError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class FirstFrame:
-    """The frame that a fit begins with, and how the work on it is done.
+    """The frame that a fit begins with, and how the work on it is done."""
 
-    Attributes:
-        rig: undistorted cameras at the masks' size.
-        observation: the masks.
-        seed: of the random numbers.
-        device: a Warp device.
-        threads: CPU threads.
-    """
-
-    rig: CameraRig
-    observation: Observation
-    seed: int = 0
-    device: str = "cpu"
-    threads: int = 1
+    rig: CameraRig  # undistorted cameras at the masks' size
+    observation: Observation  # the masks
+    seed: int = 0  # of the random numbers
+    device: str = "cpu"  # a Warp device
+    threads: int = 1  # CPU threads
 
     def objective(
         self, body: BodyModel, root_base: np.ndarray, candidates: int, shapes: ShapeSpace | None = None

@@ -39,17 +39,11 @@ class ViewReport:
 
 @dataclass(frozen=True)
 class MaskReport:
-    """What all masks show.
+    """What all masks show."""
 
-    Attributes:
-        views: by camera name.
-        volume: of the hull of all views, median over the compared frames [m^3]; NaN where two views never agree.
-        faults: a sentence for each thing that is wrong; empty where the masks can be tracked.
-    """
-
-    views: dict[str, ViewReport]
-    volume: float
-    faults: tuple[str, ...]
+    views: dict[str, ViewReport]  # by camera name
+    volume: float  # of the hull of all views, median over the compared frames [m^3]; NaN where two views never agree
+    faults: tuple[str, ...]  # a sentence for each thing that is wrong; empty where the masks can be tracked
 
 
 class MaskJudge:

@@ -33,21 +33,15 @@ _LEAF = 16  # triangles of a leaf: with large packets, smaller leaves cost more 
 
 @dataclass(frozen=True)
 class Renderer:
-    """A way to draw candidates and count their pixels.
+    """A way to draw candidates and count their pixels."""
 
-    Attributes:
-        module: where its kernel is.
-        draw: fills the canvas's counts from ``posed`` (candidate, vertex), a piece, views, what is frozen, and a batch.
-        piece: makes of a piece of the mesh the struct that ``draw`` takes; its ``vertex`` are the vertices needed.
-        boxes: boxes of the largest piece, for a candidate and camera.
-        groups: boxes around groups of these.
-    """
-
-    module: ModuleType
+    module: ModuleType  # where its kernel is
+    # fills the canvas's counts from ``posed`` (candidate, vertex), a piece, views, what is frozen, and a batch
     draw: Callable[[wp.array[wp.vec3], Any, Views, Frozen, Batch, Canvas], None]
+    # makes of a piece of the mesh the struct that ``draw`` takes; its ``vertex`` are the vertices needed
     piece: Callable[[MeshPiece], Any]
-    boxes: int = 0
-    groups: int = 0
+    boxes: int = 0  # boxes of the largest piece, for a candidate and camera
+    groups: int = 0  # boxes around groups of these
 
 
 def outline(piece: MeshPiece, device: str) -> Any:

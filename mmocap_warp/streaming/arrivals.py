@@ -34,17 +34,11 @@ _POLL = 0.004  # seconds between looks at a folder
 
 
 class Arrival(NamedTuple):
-    """A frame that came.
+    """A frame that came."""
 
-    Attributes:
-        number: of the frame; a gap says that frames were dropped.
-        time: when it was seen, in seconds since 1970.
-        masks: (height, width) bool of each camera; None where a camera sent nothing.
-    """
-
-    number: int
-    time: float
-    masks: Sequence[np.ndarray | None]
+    number: int  # of the frame; a gap says that frames were dropped
+    time: float  # when it was seen, in seconds since 1970
+    masks: Sequence[np.ndarray | None]  # (height, width) bool of each camera; None where a camera sent nothing
 
 
 Arrivals = Generator[Arrival, None, None]

@@ -32,21 +32,13 @@ _UNSENT = 256  # packets that wait for a slow listener; it misses later ones
 
 @dataclass(frozen=True, eq=False)
 class Packet:
-    """An answer to a frame, of its first run.
+    """An answer to a frame, of its first run."""
 
-    Attributes:
-        answer: what was found.
-        subject: whose body that is.
-        time: when the frame was seen, in seconds since 1970.
-        smooth: whether frames after it had a say.
-        dropped: frames that were dropped so far.
-    """
-
-    answer: LiveFrame
-    subject: Subject
-    time: float
-    smooth: bool
-    dropped: int
+    answer: LiveFrame  # what was found
+    subject: Subject  # whose body that is
+    time: float  # when the frame was seen, in seconds since 1970
+    smooth: bool  # whether frames after it had a say
+    dropped: int  # frames that were dropped so far
 
     @cached_property
     def world(self) -> np.ndarray:

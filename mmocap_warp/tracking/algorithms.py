@@ -21,22 +21,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Algorithm:
-    """A tracker.
+    """A tracker."""
 
-    Attributes:
-        source: its optimizer: ``module:class`` within this package, or what makes one.
-        label: its name for people.
-        hierarchical: the body's parts one after the other, instead of all degrees of freedom at once.
-        partitioned: of one that is hierarchical, whether a single optimizer searches all parts, whose sizes it is given
-            as ``partitions``, instead of one optimizer each.
-        settings: of the optimizer, where they are not its own.
-    """
-
-    source: str | Callable[..., Optimizer]
-    label: str
-    hierarchical: bool
+    source: str | Callable[..., Optimizer]  # its optimizer: ``module:class`` within this package, or what makes one
+    label: str  # its name for people
+    hierarchical: bool  # the body's parts one after the other, instead of all degrees of freedom at once
+    # of one that is hierarchical, whether a single optimizer searches all parts, whose sizes it is given as
+    # ``partitions``, instead of one optimizer each
     partitioned: bool = False
-    settings: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)  # of the optimizer, where they are not its own
 
     def optimizer(self, space: SearchSpace, evaluations: int, **partitions: Any) -> Optimizer:
         """An optimizer of what is searched, with the budget of the whole search."""

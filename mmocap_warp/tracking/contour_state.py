@@ -19,20 +19,13 @@ _RAREST_LOOK = 4  # looks for a limb that is not found come so many times as rar
 
 @dataclass(frozen=True, eq=False)
 class Candidates(FrameArrays):
-    """Poses and how well they explain the masks.
+    """Poses and how well they explain the masks."""
 
-    Attributes:
-        pose: (n, coordinate) float32.
-        iou: (n, camera), NaN for a lost view.
-        exposed: (n,) outline deep outside of the masks [m], in the view where it is second longest: one view may be
-            spoilt.
-        cost: (n,) float32.
-    """
-
-    pose: np.ndarray
-    iou: np.ndarray
+    pose: np.ndarray  # (n, coordinate) float32
+    iou: np.ndarray  # (n, camera), NaN for a lost view
+    # (n,) outline deep outside of the masks [m], in the view where it is second longest: one view may be spoilt
     exposed: np.ndarray
-    cost: np.ndarray
+    cost: np.ndarray  # (n,) float32
 
     @property
     def overlap(self) -> np.ndarray:
@@ -58,6 +51,7 @@ class ContourState(TrackState):
         doubt: (run,) bool, whether that says that a limb is elsewhere.
         look_count, outstanding_count: (run,) int32, how many looks there were, and how many of them said so.
         failed_looks: (run,) int32, how many looks for a limb in a row found none.
+        climbed_in_vain: (run,) bool, whether the ladder of recovery was climbed in vain in the last frame.
     """
 
     previous_pose: np.ndarray
@@ -71,6 +65,7 @@ class ContourState(TrackState):
     failed_looks: np.ndarray
     look_count: np.ndarray
     outstanding_count: np.ndarray
+    climbed_in_vain: np.ndarray
 
     @classmethod
     def at(cls, pose: np.ndarray, parts: int) -> ContourState:
@@ -81,6 +76,7 @@ class ContourState(TrackState):
             pose, counts, previous_pose=pose, overlap_levels=nothing, exposed_outlines=nothing, lost_count=counts,
             frame_count=counts, uncovered_levels=by_part, last_excess=np.zeros(runs, np.float32),
             doubt=np.zeros(runs, bool), failed_looks=counts, look_count=counts, outstanding_count=counts,
+            climbed_in_vain=np.zeros(runs, bool),
         )  # fmt: skip
 
     def is_looking(self, interval: int) -> np.ndarray:

@@ -2,11 +2,12 @@
 
 A frame is fitted from the last pose and from where its motion would lead. Where that overlaps the masks as well as the
 frames before did, and no limb is where nobody is seen, it is the answer. Where not, a ladder of recovery is climbed
-until an answer is good, and the best one is kept:
+until an answer is good, and the best one is kept. After a climb in vain the next frame does without, unless the body is
+lost:
 
 1. search: a short search from the last pose, then contours;
-2. scatter: contours from many poses around the best so far, each of which differs in one part of the body. That finds
-   an arm that a search of five times the budget does not;
+2. scatter: contours from many poses around the best so far, each of which differs in one part of the body; after three
+   steps the most promising ones go on. That finds an arm that a search of five times the budget does not;
 3. restart: after some frames in a row that stayed lost, contours from poses in the visual hull that are turned or bent
    any way; see :mod:`mmocap_warp.tracking.recovery_starts`.
 
@@ -39,6 +40,8 @@ from mmocap_warp.tracking.uncovered import LARGEST_USUAL_AREA, LASTING_AREA, Unc
 
 _STEPS = 5  # descent steps from the last pose
 _STEPS_FAR = 10  # descent steps from a start that is further away
+_STEPS_SCATTERED = 3  # descent steps of scattered poses, of which the cheapest then go on
+_PROMISING = 8  # how many of a run's scattered poses go on
 _STARTS = 2  # starts of an ordinary frame: the last pose, and where its motion leads
 _MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
 _SHORT_OVERLAP, _SHORT_EXPOSED = 0.012, 0.12  # overlap below the usual, and exposed outline [m], that call for recovery
@@ -128,11 +131,15 @@ class ContourTracker:
             answer, evaluations = self._best_fit(starts, observation, _STEPS_FAR), self.search.evaluations
         else:
             answer = self._best_fit(self._usual_starts(), observation, _STEPS)
-            fall = (_SHORT_OVERLAP, _SHORT_EXPOSED) if self.search_interval == 1 else (_LOST_OVERLAP, _LOST_EXPOSED)
-            may = self._state.frame_count % self.search_interval == 0
-            if self.search and (may & self._falls_short(answer, *fall)).any():
-                answer, rescued = self._recovered(self.search, answer, observation)
+            if self.search_interval == 1:
+                climbing = self._falls_short(answer) & (~self._state.climbed_in_vain | self._is_lost(answer))
+            else:  # live, where a climb delays the frames after it
+                due = self._state.frame_count % self.search_interval == 0
+                climbing = due & self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
+            if self.search and climbing.any():
+                answer, rescued = self._recovered(self.search, answer, climbing, observation)
                 evaluations = self.search.evaluations
+            self._state = replace(self._state, climbed_in_vain=climbing & self._falls_short(answer))
 
         # Now and then, and where the ladder led elsewhere, look for limbs that the body does not cover.
         looking = self._state.is_looking(self._look_interval) | rescued
@@ -141,7 +148,7 @@ class ContourTracker:
             rescued |= limb_found
 
         # Judge the answer by the frames before, then let it teach the frames after.
-        lost = self._state.level_known & self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
+        lost = self._is_lost(answer)
         partial = self._state.doubt | (np.logical_not(observation.foreground.all()) & ~rescued)
         status = np.where(rescued, STATUS.index("rescued"), STATUS.index("tracked"))
         status = np.where(partial, STATUS.index("partial"), status)
@@ -162,29 +169,37 @@ class ContourTracker:
         """(run,) bool: see :meth:`ContourState.falls_short`; ``exposed`` is at a body as large as a person [m]."""
         return self._state.falls_short(answer, fall, exposed * self._subject.body.relative_size)
 
+    def _is_lost(self, answer: Candidates) -> np.ndarray:
+        """(run,) bool: whether an answer is so far from the masks that it is no pose of the body."""
+        lost: np.ndarray = self._state.level_known & self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
+        return lost
+
     def _recovered(
-        self, search: PoseSearch, answer: Candidates, observation: Observation
+        self, search: PoseSearch, answer: Candidates, short: np.ndarray, observation: Observation
     ) -> tuple[Candidates, np.ndarray]:
-        """The best answer that the ladder of recovery leads to, and which runs (run,) were rescued by it."""
+        """The best answer that the ladder of recovery leads to, and which runs (run,) were rescued by it.
+
+        Runs that are not ``short`` (run,) keep their answer.
+        """
         # Search from the last pose. What that finds is no rescue: it is what the paper does in every frame.
-        short, rescued = self._falls_short(answer), np.zeros(self._runs, bool)
+        climbing, rescued = short, np.zeros(self._runs, bool)
         answer, _ = self._improved(answer, short, self._searched(search, short, observation), observation)
 
         # Scatter around the best. It rescues where it gains as much as a frame may fall short by.
-        short = self._falls_short(answer)
+        short = climbing & self._falls_short(answer)
         if not short.any():
             return answer, rescued
         before, counter = answer.overlap, search.counter.numpy()
-        starts = self._starts.scattered(answer.pose, counter)
+        starts = self._promising(self._starts.scattered(answer.pose, counter))
         answer, better = self._improved(answer, short, starts, observation)
         rescued |= better & self._state.level_known & (answer.overlap > before + _SHORT_OVERLAP)
 
         # Look for a body that stayed lost anywhere, then scatter around where it was found.
-        wanted = self._falls_short(answer) & (self._state.lost_count >= _LOST_FRAMES)
+        wanted = climbing & self._falls_short(answer) & (self._state.lost_count >= _LOST_FRAMES)
         if wanted.any():
             starts = self._starts.anywhere(self._state.pose, counter, observation)
             answer, moved = self._improved(answer, wanted, starts, observation)
-            starts = self._starts.scattered(answer.pose, counter)
+            starts = self._promising(self._starts.scattered(answer.pose, counter))
             answer, refined = self._improved(answer, moved, starts, observation)
             rescued |= moved | refined
         return answer, rescued
@@ -259,27 +274,41 @@ class ContourTracker:
         best = np.argmax(fitted.overlap.reshape(runs, count), axis=1)
         return fitted[best + count * np.arange(runs)]
 
+    def _promising(self, starts: np.ndarray) -> np.ndarray:
+        """Of starts (run, start, coordinate), where a few steps lead those of each run that then cost least."""
+        self._descend(starts, _STEPS_SCATTERED, judged=False)
+        pose, tally, *_ = self._answers.read(starts.shape[0] * starts.shape[1])
+        cost = tally[:, :, 0].sum(axis=1).reshape(starts.shape[:2])
+        best = np.argsort(cost, axis=1, kind="stable")[:, :_PROMISING]
+        promising: np.ndarray = np.take_along_axis(pose.reshape(starts.shape), best[:, :, None], axis=1)
+        return promising
+
     def _fitted(self, starts: np.ndarray, observation: Observation, steps: int) -> Candidates:
         """The poses (run x start) that contours lead to from starts (run, start, coordinate)."""
+        self._descend(starts, steps)
+        pose, tally, cost, pixels = self._answers.read(starts.shape[0] * starts.shape[1])
+        # Of the lengths of exposed outline in the views, the second longest.
+        exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)
+        return Candidates(pose, overlap(pixels, observation), exposed, cost)
+
+    def _descend(self, starts: np.ndarray, steps: int, *, judged: bool = True) -> None:
+        """Let contours lead on from starts (run, start, coordinate), and judge where they lead unless that can wait."""
         runs, count, coordinates = starts.shape
         fitter, total = self._fitter, runs * count
         home = np.repeat(self._subject.root_base[None], total, axis=0)
         if fitter.late:
             fitter.follow(np.repeat(self._state.pose, count, axis=0), home, self._fps)
         fitter.start_at(starts.reshape(total, coordinates), home, np.zeros(total, int))
-        kind = (total, steps, fitter.fields.addresses, self._judge.addresses, fitter.follows)
-        self._replays.run(kind, lambda: self._launch_fit(total, steps))
-        pose, tally, cost, pixels = self._answers.read(total)
-        # Of the lengths of exposed outline in the views, the second longest.
-        exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)
-        return Candidates(pose, overlap(pixels, observation), exposed, cost)
+        kind = (total, steps, judged, fitter.fields.addresses, self._judge.addresses, fitter.follows)
+        self._replays.run(kind, lambda: self._launch_fit(total, steps, judged))
 
-    def _launch_fit(self, total: int, steps: int) -> None:
-        """Fit the first poses, judge them, and have the answers on their way to the host."""
+    def _launch_fit(self, total: int, steps: int, judged: bool) -> None:
+        """Fit the first poses, judge them where that is wanted, and have the answers on their way to the host."""
         fitter, judge = self._fitter, self._judge
         self._root_frame.enter(fitter.descent.pose, fitter.body.root_base)
         fitter.descend(total, steps)
         self._root_frame.leave(fitter.descent.best, fitter.body.root_base)
-        wp.copy(judge.pose, fitter.descent.best, count=judge.pose.shape[1] * total)
-        judge.evaluate(total)
+        if judged:
+            wp.copy(judge.pose, fitter.descent.best, count=judge.pose.shape[1] * total)
+            judge.evaluate(total)
         self._answers.fetch(total)

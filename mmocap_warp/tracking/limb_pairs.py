@@ -20,19 +20,12 @@ _DAMPING = 1e-4  # 10 mm at a joint is worth a radian [m^2/rad^2]
 
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """A part that moves nothing but itself and what is attached to it.
+    """A part that moves nothing but itself and what is attached to it."""
 
-    Attributes:
-        name: the part's.
-        coordinates: (coordinate,) all angles of its joints.
-        reach: (coordinate,) searched angles of those joints that decide where it goes: all but its last.
-        other: the name of the limb that mirrors it, if one does.
-    """
-
-    name: str
-    coordinates: np.ndarray
-    reach: np.ndarray
-    other: str | None
+    name: str  # the part's
+    coordinates: np.ndarray  # (coordinate,) all angles of its joints
+    reach: np.ndarray  # (coordinate,) searched angles of those joints that decide where it goes: all but its last
+    other: str | None  # the name of the limb that mirrors it, if one does
 
 
 def limbs(skeleton: Skeleton) -> list[Limb]:

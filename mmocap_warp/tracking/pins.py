@@ -25,23 +25,14 @@ _LENS_STEPS = 50  # of undoing a lens; each divides the error by ten in usual on
 
 @dataclass(frozen=True, eq=False)
 class Pins:
-    """Rays that joints lie on.
+    """Rays that joints lie on."""
 
-    Attributes:
-        frame: (ray,) positions of the frames in the result.
-        joint: (ray,) the joints' numbers.
-        across: (ray, 2, 3) and
-        beside: (ray, 2): ``across @ place + beside`` is by how much a place lies beside the ray [m].
-        sigma: standard deviation of that [m].
-        listed: the pins as they were given, to be recorded.
-    """
-
-    frame: np.ndarray
-    joint: np.ndarray
-    across: np.ndarray
-    beside: np.ndarray
-    sigma: float
-    listed: list[dict[str, Any]]
+    frame: np.ndarray  # (ray,) positions of the frames in the result
+    joint: np.ndarray  # (ray,) the joints' numbers
+    across: np.ndarray  # (ray, 2, 3) and
+    beside: np.ndarray  # (ray, 2): ``across @ place + beside`` is by how much a place lies beside the ray [m]
+    sigma: float  # standard deviation of that [m]
+    listed: list[dict[str, Any]]  # the pins as they were given, to be recorded
 
     def of(self, frames: np.ndarray, rooted: RootedPoses, points: MotionPoints) -> NormalEquations:
         """What the pins say about frames by their positions, around poses; nothing where none are."""

@@ -22,15 +22,10 @@ from mmocap_warp.tracking.track_config import TrackConfig
 
 @dataclass(frozen=True)
 class Part:
-    """Degrees of freedom that are searched together while the rest of the body stays as it is.
+    """Degrees of freedom that are searched together while the rest of the body stays as it is."""
 
-    Attributes:
-        name: for people.
-        index: (dof,) int32, coordinates of the pose.
-    """
-
-    name: str
-    index: np.ndarray
+    name: str  # for people
+    index: np.ndarray  # (dof,) int32, coordinates of the pose
 
 
 def holistic(skeleton: Skeleton, dof: int | None = None) -> list[Part]:

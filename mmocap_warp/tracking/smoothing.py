@@ -71,15 +71,10 @@ def frames_held(rate: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Mending:
-    """What is added to the problem of a clip in which a span is solved anew.
+    """What is added to the problem of a clip in which a span is solved anew."""
 
-    Attributes:
-        held: (frame,) bool, the frames that stay as they are.
-        pins: joints that were clicked.
-    """
-
-    held: np.ndarray
-    pins: Pins
+    held: np.ndarray  # (frame,) bool, the frames that stay as they are
+    pins: Pins  # joints that were clicked
 
 
 def smoothed(

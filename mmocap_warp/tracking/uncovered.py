@@ -9,13 +9,18 @@ body, somebody who passes by or a chest, do not count.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
+import warp as wp
 
 from mmocap_warp.body.model import SkinMesh, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.kernels.silhouettes.beside import Sight, find_cells, follow_rays
+from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.masks.observation import Observation
 
 _CELL = 0.02  # pixels are looked at that are so far apart at the body [m]
@@ -31,6 +36,7 @@ _LEAST_VIEWS = 4  # so many other views must be there for one of them to be allo
 _FAULT_AREA = 0.003  # what one view alone shows counts where it is more than that: a mask may have such faults [m^2]
 _MOST_AREA = 0.12  # a view that leaves more than that uncovered shows somebody or something else [m^2]
 
+_zeros = partial(wp.zeros, device="cpu")
 _LOOK_INTERVAL = 0.1  # seconds between the frames that are looked at for limbs that were lost
 _JUDGE_INTERVAL = 1 / 30  # seconds between the frames whose final poses are judged
 _CLEAR_AREA = 0.01  # area above the usual that says by itself that a limb is lost [m^2], in a body like a person
@@ -52,15 +58,10 @@ _BLAMED_SHARE = 0.3  # of the area, what is near a part that is in doubt
 
 @dataclass(frozen=True, eq=False)
 class Uncovered:
-    """What one frame's masks show beside a body.
+    """What one frame's masks show beside a body."""
 
-    Attributes:
-        area: (part,) near each part, in the view that decides [m^2].
-        place: (n, 3) where it is, about the middle of what the masks leave open [m].
-    """
-
-    area: np.ndarray
-    place: np.ndarray
+    area: np.ndarray  # (part,) near each part, in the view that decides [m^2]
+    place: np.ndarray  # (n, 3) where it is, about the middle of what the masks leave open [m]
 
 
 def look_interval(rate: float, *, final: bool = False) -> int:
@@ -85,9 +86,26 @@ class UncoveredArea:
         self._poser = Poser(replace(body, skin=mesh), subject.root_base)
         self._size = body.relative_size
         self._lens = rig.K @ rig.R, np.einsum("kij,kj->ki", rig.K, rig.t)
+        back = np.swapaxes(rig.R, 1, 2)
+        self._sight = allocated(
+            Sight,
+            "cpu",
+            word=(0, 0, 0),
+            possible=(0, 0, 0),
+            size=rig.size.astype(np.int32),
+            turn=self._lens[0],
+            shift=self._lens[1],
+            origin=-np.einsum("kij,kj->ki", back, rig.t),
+            into_world=back @ np.linalg.inv(rig.K),
+        )
+        most = int(4 * _MOST_AREA / _CELL**2) + 1  # cells are at least half as far apart as they may be
+        self._cells = _zeros(len(rig) * int(rig.size.prod(axis=1).max()), wp.uint8), _zeros((len(rig), most), wp.vec2i)
+        self._agreed = [_zeros(2 * _MOST_RAYS, kind) for kind in (wp.vec3d, wp.int32, wp.float64)]
 
     def of(self, poses: np.ndarray, observation: Observation) -> list[Uncovered]:
         """The area beside poses (n, coordinate), each by itself."""
+        masks = (np.ascontiguousarray(words) for words in (observation.words, observation.possible))
+        self._sight.word, self._sight.possible = (wp.array(a, dtype=wp.uint32, device="cpu", copy=False) for a in masks)
         return [self._beside_skin(skin, observation) for skin in self._poser.vertices(poses).astype(float)]
 
     def _beside_skin(self, skin: np.ndarray, observation: Observation) -> Uncovered:
@@ -96,17 +114,14 @@ class UncoveredArea:
         middle = skin.mean(axis=0)
 
         # What is beside the body in each view. A view with more than limbs there shows somebody or something else.
-        projected = self._projected(skin)
+        depth = self._rig.R[:, 2] @ middle + self._rig.t[:, 2]
+        scale = self._rig.K[:, 0, 0] / np.where(depth > 0, depth, np.inf)
+        step = np.maximum(1, (_CELL * self._size * scale).astype(int)) * ((observation.foreground > 0) & (depth > 0))
+        cells = self._beside(self._projected(skin), step, _DEEP * self._size * scale)
         beside: dict[int, tuple[np.ndarray, float, float]] = {}  # pixels, the area of each [m^2], the body's depth [m]
-        for k in np.flatnonzero(observation.foreground > 0).tolist():
-            depth = float(self._rig.R[k, 2] @ middle + self._rig.t[k, 2])
-            if depth <= 0:
-                continue
-            scale = self._rig.K[k, 0, 0] / depth
-            step = max(1, int(_CELL * self._size * scale))
-            pixels = step * self._beside(k, projected[k], observation, step, _DEEP * self._size * scale)
-            if len(pixels) * (step / scale) ** 2 <= _MOST_AREA * self._size**2:
-                beside[k] = pixels, (step / scale) ** 2, depth
+        for k in np.flatnonzero(step).tolist():
+            if len(cells[k]) * (step[k] / scale[k]) ** 2 <= _MOST_AREA * self._size**2:
+                beside[k] = step[k] * cells[k], (step[k] / scale[k]) ** 2, depth[k]
 
         # Of that, what the other views agree on, near the body. Views with less than the two that show most do not
         # decide.
@@ -118,12 +133,11 @@ class UncoveredArea:
             if len(pixels) * pixel < max(least, area[1].sum()):
                 break
             every = -(-len(pixels) // _MOST_RAYS)
-            place = self._agreed_on(k, pixels[::every], depth, seen[seen != k], observation)
+            place, nearest, apart = self._agreed_on(k, pixels[::every], depth, seen[seen != k], skin[::4])
+            near = apart < (_FAR * self._size) ** 2
+            place, part = place[near], self._part[::4][nearest[near]]
             if not len(place):
                 continue
-            apart = ((place[:, None] - skin[None, ::4]) ** 2).sum(axis=2)
-            near = apart.min(axis=1) < (_FAR * self._size) ** 2
-            place, part = place[near], self._part[::4][apart[near].argmin(axis=1)]
             of_view = np.bincount(part, np.full(len(part), every * pixel), self._parts)
             area = sorted([*area, of_view], key=lambda each: -each.sum())[:2]
             places.append(place)
@@ -132,45 +146,38 @@ class UncoveredArea:
         alone = max(most - _FAULT_AREA * self._size**2, 0.0)
         return Uncovered(area[0] * (alone / most) if alone > second else area[1], np.concatenate(places))
 
-    def _beside(self, k: int, skin: np.ndarray, observation: Observation, step: int, deep: float) -> np.ndarray:
-        """Cells (n, 2) of a view's mask, column and row, that are deeper than ``deep`` px beside the skin (n, 2)."""
-        width, height = self._rig.size[k]
-        words = np.ascontiguousarray(observation.words[k, :height:step])
-        mask: np.ndarray = np.unpackbits(words.view("u1"), axis=-1, bitorder="little")[:, :width:step]
-        cells = np.rint(skin / step)
-        inside = ((cells >= 0) & (cells < mask.shape[::-1])).all(axis=1)
-        column, row = cells[inside].astype(int).T
-        covered = np.zeros(mask.shape, np.uint8)
-        covered[row, column] = 1
-        radius = max(1, round(deep / step))
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-        cells_beside = cv2.findNonZero(mask & (cv2.dilate(covered, kernel) == 0))
-        return np.empty((0, 2), int) if cells_beside is None else cells_beside.reshape(-1, 2)
+    def _beside(self, skin: np.ndarray, step: np.ndarray, deep: np.ndarray) -> list[np.ndarray]:
+        """Of each view's mask the cells (n, 2), column and row, that are deeper than ``deep`` px beside skin (n, 2).
+
+        A view's cells are ``step`` (camera,) pixels apart; where that is 0 the view is left out.
+        """
+        radius = np.maximum(1, np.round(deep / np.maximum(step, 1)).astype(int)) * (step > 0)
+        reach = np.full((len(step), radius.max() + 1), -1, np.int32)
+        for row, r in zip(reach, radius.tolist(), strict=True):
+            row[: r + 1] = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * r + 1, 2 * r + 1))[r:].sum(axis=1) // 2
+        count = _zeros(len(step), wp.int32)
+        apart = _on_cpu(step.astype(np.int32), wp.int32)
+        find_cells(self._sight, _on_cpu(skin, wp.vec2d), apart, _on_cpu(reach, wp.int32), *self._cells, count)
+        cell = self._cells[1].numpy()
+        return [cell[k, :n] for k, n in enumerate(count.numpy().tolist())]
 
     def _agreed_on(
-        self, k: int, pixels: np.ndarray, depth: float, others: np.ndarray, observation: Observation
-    ) -> np.ndarray:
-        """(n, 3) where the other views' masks agree with pixels (m, 2) of a view, in the middle along each ray [m]."""
-        rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(self._rig.K[k]).T
+        self, k: int, pixels: np.ndarray, depth: float, others: np.ndarray, skin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where the other views' masks agree with pixels (m, 2) of a view, in the middle along each ray.
+
+        Returns:
+            (n, 3) the places [m], (n,) the nearest point of the skin (point, 3), and (n,) the square of its distance.
+        """
         reach, step = _REACH * self._size, _STEP * self._size
-        depths = np.arange(max(depth - reach, step), depth + reach, step)
-        points = ((rays[:, None] * depths[:, None]).reshape(-1, 3) - self._rig.t[k]) @ self._rig.R[k]
-        # Points that too many views disagree with are looked at no further.
-        needed = max(2, len(others) - (len(others) >= _LEAST_VIEWS))
-        left, disagree = np.arange(len(points)), np.zeros(len(points), int)
-        possible = observation.possible
-        for j in others:
-            width, height = self._rig.size[j]
-            column, row = np.nan_to_num(np.rint(self._projected(points[left], j)), nan=-1.0).clip(-1, 1e6).astype(int).T
-            within = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-            word = possible[j, np.where(within, row, 0), np.where(within, column, 0) // 32]
-            disagree[left] += within & ~(word >> (column % 32).astype(np.uint32) & 1).astype(bool)
-            left = left[disagree[left] <= len(others) - needed]
-        hit = (disagree <= len(others) - needed).reshape(len(rays), -1)
-        order = np.cumsum(hit, axis=1)
-        at = (order >= (order[:, -1:] + 1) // 2).argmax(axis=1)  # the middle one of those that hit
-        found: np.ndarray = points.reshape(len(rays), -1, 3)[np.arange(len(rays)), at][hit.any(axis=1)]
-        return found
+        first = max(depth - reach, step)
+        steps = int(np.ceil((depth + reach - first) / step))
+        most = len(others) - max(2, len(others) - (len(others) >= _LEAST_VIEWS))
+        rays, asked = _on_cpu(pixels.astype(np.int32), wp.vec2i), _on_cpu(others.astype(np.int32), wp.int32)
+        follow_rays(self._sight, k, rays, asked, most, (first, step, steps), _on_cpu(skin, wp.vec3d), self._agreed)
+        place, nearest, apart = (each.numpy()[: len(pixels)] for each in self._agreed)
+        hit = nearest >= 0
+        return place[hit], nearest[hit], apart[hit]
 
     def _projected(self, points: np.ndarray, views: int | slice = slice(None)) -> np.ndarray:
         """Pixels (..., n, 2) of points (n, 3) in views; NaN behind the camera."""
@@ -178,6 +185,11 @@ class UncoveredArea:
         seen = points @ np.swapaxes(turn[views], -1, -2) + shift[views][..., None, :]
         pixels: np.ndarray = seen[..., :2] / np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
         return pixels
+
+
+def _on_cpu(values: np.ndarray, dtype: Any) -> Any:
+    """A NumPy array as kernels take it, without a copy where it is contiguous."""
+    return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu", copy=False)
 
 
 def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarray, frames: int) -> np.ndarray:

@@ -9,7 +9,7 @@ import pytest
 from other_bodies import arm_robot, quadruped
 
 from mmocap_warp.body.bind_pose import bind_pose_turns, thickness
-from mmocap_warp.body.mirroring import mirrored_joints
+from mmocap_warp.body.mirroring import mirrored_joints, mirrored_weights
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.rigging.shipped import load_body
 
@@ -22,11 +22,12 @@ def man() -> BodyModel:
 
 
 def test_thick_limbs_are_thick(man):
-    thick = dict(zip(man.skeleton.joints, thickness(man), strict=True))
+    thick = dict(zip(man.skeleton.joints, thickness(man, mirrored_weights(man)), strict=True))
     assert thick["LWrist"] < thick["LElbow"] < thick["LKnee"] < thick["LHip"] < thick["BottomSpine"]
     assert 0.02 < thick["LWrist"] < 0.04
     assert thick["LKnee"] == pytest.approx(thick["RKnee"], rel=1e-3)
-    assert not thickness(quadruped()).any()  # its parts are rigid: nothing bends
+    dog = quadruped()
+    assert not thickness(dog, mirrored_weights(dog)).any()  # its parts are rigid: nothing bends
 
 
 def test_a_part_turns_about_its_joint(man):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 from other_bodies import arm_robot, burdened, quadruped
 from synthetic import ring_rig, synthetic_body, synthetic_subject
 
@@ -198,6 +199,23 @@ def test_descents_are_the_same_again_and_again(device, monkeypatch):
             np.testing.assert_array_equal(one, other)
         arrays.add(fitter.fields.struct.value.ptr)
     assert len(arrays) > 1
+
+
+def test_a_processor_packs_arguments_once(monkeypatch):
+    body = BODIES["person"]
+    fitters = [fitter_of(body, "cpu", 4, threads=2) for _ in range(2)]
+    poses = [poses_of(body, 4, seed=seed) for seed in (5, 6)]
+    for fitter in fitters:
+        fitter.observe(0, observed(body, poses[0][0]))
+    start(fitters[1], poses[1])
+    fitters[1].descend(4, 2)
+    start(fitters[0], poses[0])
+    fitters[0].descend(4, 2)
+    monkeypatch.setattr(wp, "launch", None)
+    start(fitters[0], poses[1])
+    fitters[0].descend(4, 2)
+    best, expected = (fitter.descent.best.numpy() for fitter in fitters)
+    np.testing.assert_array_equal(best, expected)
 
 
 def test_a_frame_without_foreground_changes_nothing(device):

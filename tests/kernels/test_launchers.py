@@ -1,6 +1,7 @@
 """Launchers can be read: few arguments, all annotated, and their kernels get arguments that were built before."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -8,11 +9,14 @@ import pytest
 from mmocap_warp.kernels import __path__ as folders
 
 MOST = 8  # arguments
-MODULES = [path for path in sorted(Path(folders[0]).rglob("*.py")) if "wp.launch(" in path.read_text(encoding="utf-8")]
+FILES = {path: path.read_text(encoding="utf-8") for path in sorted(Path(folders[0]).rglob("*.py"))}
+MODULES = [path for path, text in FILES.items() if re.search(r"^ +(wp\.)?launch\(", text, re.MULTILINE)]
 
 
 def launches(function):
-    return any(isinstance(node, ast.Call) and ast.unparse(node.func) == "wp.launch" for node in ast.walk(function))
+    return any(
+        isinstance(node, ast.Call) and ast.unparse(node.func) in ("wp.launch", "launch") for node in ast.walk(function)
+    )
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)

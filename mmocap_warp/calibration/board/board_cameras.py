@@ -27,17 +27,11 @@ _MAX_RMS = 0.002  # residual of the places over the image's longer side; out of 
 
 @dataclass(frozen=True)
 class Detections:
-    """A board in the frames of one camera.
+    """A board in the frames of one camera."""
 
-    Attributes:
-        pixels: (frame, corner, 2) float32 [px]; NaN where a corner is not seen.
-        sharpness: (frame,) how sharp the board's edges are; 0 where it is not seen.
-        other: what the images show of another board, in words.
-    """
-
-    pixels: np.ndarray
-    sharpness: np.ndarray
-    other: str | None = None
+    pixels: np.ndarray  # (frame, corner, 2) float32 [px]; NaN where a corner is not seen
+    sharpness: np.ndarray  # (frame,) how sharp the board's edges are; 0 where it is not seen
+    other: str | None = None  # what the images show of another board, in words
 
     @property
     def seen(self) -> np.ndarray:

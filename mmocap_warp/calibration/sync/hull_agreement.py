@@ -64,19 +64,12 @@ _STRETCHES, _MIN_STRETCH = 6, 15  # stretches of a recording, and frames judged 
 
 @dataclass(frozen=True, eq=False)
 class HullOffsets:
-    """Offsets of views from their hulls.
+    """Offsets of views from their hulls."""
 
-    Attributes:
-        offsets: (view,) [frames] at which they fit best.
-        spread: distance of the ends of other starts from these [frames].
-        courses: (view,) of their lags.
-        margin: by how much they may be wrong, by the scatter of the recording's stretches [frames].
-    """
-
-    offsets: np.ndarray
-    spread: int
-    courses: list[LagCourse]
-    margin: float
+    offsets: np.ndarray  # (view,) [frames] at which they fit best
+    spread: int  # distance of the ends of other starts from these [frames]
+    courses: list[LagCourse]  # (view,) of their lags
+    margin: float  # by how much they may be wrong, by the scatter of the recording's stretches [frames]
 
 
 def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndarray, reach: int) -> HullOffsets | None:

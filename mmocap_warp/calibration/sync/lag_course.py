@@ -15,21 +15,13 @@ _MIN_SIDE = 2  # stretches before and after a jump, at least
 
 @dataclass(frozen=True)
 class LagCourse:
-    """The course of a view's lag; a steady one has neither jump nor slope.
+    """The course of a view's lag; a steady one has neither jump nor slope."""
 
-    Attributes:
-        jump: frames by which it changes at once: 1 less for each frame that the camera dropped.
-        at: the frame before which it changes.
-        slope: frames that the camera has beyond its stated rate, for each of the scene's frames.
-        start: its lag at the scene's frame 0 beyond its offset, where it has a slope [frames].
-        scatter: root mean square of the lags about this course [frames].
-    """
-
-    jump: int = 0
-    at: int = 0
-    slope: float = 0.0
-    start: float = 0.0
-    scatter: float = field(default=0.0, compare=False)
+    jump: int = 0  # frames by which it changes at once: 1 less for each frame that the camera dropped
+    at: int = 0  # the frame before which it changes
+    slope: float = 0.0  # frames that the camera has beyond its stated rate, for each of the scene's frames
+    start: float = 0.0  # its lag at the scene's frame 0 beyond its offset, where it has a slope [frames]
+    scatter: float = field(default=0.0, compare=False)  # root mean square of the lags about this course [frames]
 
     @property
     def changes(self) -> bool:

@@ -27,17 +27,12 @@ _ROUNDS = 50  # rounds of a search, at most
 
 @dataclass(frozen=True, eq=False)
 class PairScores:
-    """How much information pairs of views share at each lag.
+    """How much information pairs of views share at each lag."""
 
-    Attributes:
-        score: (view, view, lag) float64, of the second view's frame ``f + lag`` with the first view's frame ``f``.
-        reach: lags run from minus this to this [frames].
-        near: lags within this of one another belong to one peak [frames].
-    """
-
+    # (view, view, lag) float64, of the second view's frame ``f + lag`` with the first view's frame ``f``
     score: np.ndarray
-    reach: int
-    near: int
+    reach: int  # lags run from minus this to this [frames]
+    near: int  # lags within this of one another belong to one peak [frames]
 
     def within(self, reach: int) -> PairScores:
         """The scores of shorter lags alone."""

@@ -61,29 +61,17 @@ _ACCELERATION = 36.0  # standard deviation of a joint's acceleration [m/s^2]: fr
 
 @dataclass(frozen=True, eq=False)
 class BackwardPass:
-    """Follows frames from the last to the first, and chooses between what is found and what was known.
+    """Follows frames from the last to the first, and chooses between what is found and what was known."""
 
-    Attributes:
-        descend: how a frame is fitted.
-        linearise: the contours' equations.
-        rooting: moves poses.
-        points: what is kept from accelerating.
-        rate: frames a second.
-        areas: what contours do not see: a limb that hides in the trunk has no outline there, and so no error.
-        limbs: the coordinates (coordinate,) of each.
-        pairs_from_rest: how pairs of limbs are fitted from rest; None where there are none.
-        uncovered: tells of limbs that masks show and the body does not; None to do without.
-    """
-
-    descend: DescendFrames
-    linearise: LineariseFrames
-    rooting: Rooting
-    points: MotionPoints
-    rate: float
-    areas: AreaCost
-    limbs: Sequence[np.ndarray]
-    pairs_from_rest: PairsFromRest | None = None
-    uncovered: UncoveredMask | None = None
+    descend: DescendFrames  # how a frame is fitted
+    linearise: LineariseFrames  # the contours' equations
+    rooting: Rooting  # moves poses
+    points: MotionPoints  # what is kept from accelerating
+    rate: float  # frames a second
+    areas: AreaCost  # what contours do not see: a limb that hides in the trunk has no outline there, and so no error
+    limbs: Sequence[np.ndarray]  # the coordinates (coordinate,) of each
+    pairs_from_rest: PairsFromRest | None = None  # how pairs of limbs are fitted from rest; None where there are none
+    uncovered: UncoveredMask | None = None  # tells of limbs that masks show and the body does not; None to do without
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
         """For each frame the pose known, the one found on the way back, or a bridge over leaps on that way.

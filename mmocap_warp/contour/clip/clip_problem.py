@@ -9,7 +9,7 @@ import numpy as np
 
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip.backward_pass import AHEAD, BackwardPass
-from mmocap_warp.contour.clip.motion_penalty import HELD, MotionCost, MotionPenalty
+from mmocap_warp.contour.clip.motion_penalty import HELD, MotionPenalty
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, STOP, Trust
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
@@ -33,15 +33,10 @@ _NOISE = 0.05  # share of itself that a step may add to a frame's cost
 
 @dataclass(frozen=True)
 class Pass:
-    """Steps under one penalty.
+    """Steps under one penalty."""
 
-    Attributes:
-        acceleration: standard deviation of a point's acceleration, by coordinate [m/s^2].
-        steps: how many are tried at most.
-    """
-
-    acceleration: float
-    steps: int
+    acceleration: float  # standard deviation of a point's acceleration, by coordinate [m/s^2]
+    steps: int  # how many are tried at most
 
 
 def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
@@ -51,17 +46,11 @@ def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
 
 @dataclass(frozen=True, eq=False)
 class SolvedWindow:
-    """Consecutive frames that were solved together.
+    """Consecutive frames that were solved together."""
 
-    Attributes:
-        rooted: their poses.
-        contour: what the contours say around these.
-        final: how many of them are final, from the first.
-    """
-
-    rooted: RootedPoses
-    contour: NormalEquations
-    final: int
+    rooted: RootedPoses  # their poses
+    contour: NormalEquations  # what the contours say around these
+    final: int  # how many of them are final, from the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,20 +142,20 @@ class ClipProblem:
         """
         trust = Trust(self.rooting.is_length)
 
-        def motion_around(poses: RootedPoses, seen: np.ndarray) -> MotionCost:
-            points = self.points.linearised(held.followed_by(poses))
-            known = np.concatenate([np.ones(len(held), bool), seen])
-            return penalty.around(*points, known).without_first(len(held))
+        def known(seen: np.ndarray) -> np.ndarray:
+            return np.concatenate([np.ones(len(held), bool), seen])
 
         damping = np.ones(len(rooted))
         for _ in range(steps):
             # Step, and judge each frame by what it costs there.
-            motion = motion_around(rooted, contour.observed)
+            points = self.points.linearised(held.followed_by(rooted))
+            motion = penalty.around(*points, known(contour.observed)).without_first(len(held))
             band = motion.band + (contour.matrix + trust.matrix(contour, damping))
             step = np.clip(band.solved(contour.gradient + motion.gradient), -LARGEST_STEP, LARGEST_STEP)
             moved = self.rooting.stepped(rooted, step)
             there = self.linearise(frames, moved)
-            cost = there.cost + motion_around(moved, there.observed).cost
+            places = self.points.at(held.followed_by(moved))
+            cost = there.cost + penalty.cost(places, known(there.observed))[len(held) :]
             taken = cost <= (contour.cost + motion.cost) * (1.0 + _NOISE)
             # Take the step where it helps, and damp the next one where it does not.
             taken |= ~contour.observed

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,17 +25,11 @@ HELD = 2 + len(AROUND) // 2
 
 @dataclass(frozen=True, eq=False)
 class MotionCost:
-    """The penalty around the poses of a clip.
+    """The penalty around the poses of a clip."""
 
-    Attributes:
-        cost: (frame,) float64, a frame's share: how it follows from those before it.
-        gradient: (frame, dof) float64, the direction in which the penalty falls; errors keep their weights.
-        band: its matrix.
-    """
-
-    cost: np.ndarray
-    gradient: np.ndarray
-    band: BlockBand
+    cost: np.ndarray  # (frame,) float64, a frame's share: how it follows from those before it
+    gradient: np.ndarray  # (frame, dof) float64, the direction in which the penalty falls; errors keep their weights
+    band: BlockBand  # its matrix
 
     def without_first(self, frames: int) -> MotionCost:
         """Of the later frames alone, with the first ones held where they are."""
@@ -63,22 +59,10 @@ class MotionPenalty:
         """The penalty around points (frame, point, 3) with derivatives (frame, point, 3, dof) in frames ``seen``."""
         frames, count, _, dof = derivative.shape
         joints = count // POINTS_A_JOINT
-        place = points.reshape(frames, joints, -1) / np.sqrt(POINTS_A_JOINT)
-        cost = np.zeros(frames)
-        pull = np.zeros_like(place)
+        pull = np.zeros((frames, joints, 3 * POINTS_A_JOINT))
         couplings = np.zeros((3, frames, joints))  # of frames 0, 1 and 2 apart, by the earlier one
-        for order, scale in self._scale.items():
-            rows = frames - order
-            if rows <= 0:
-                continue
-            stencil = np.diff(np.eye(order + 1), n=order, axis=0)[0] * scale
-            error = sum(weight * place[i : i + rows] for i, weight in enumerate(stencil))
-            square = (error**2).sum(axis=2)  # (row, joint)
-            all_seen = np.all([seen[i : i + rows] for i in range(order + 1)], axis=0)[:, None]
-            far = np.where(all_seen, 1.0 + (_shared(error) ** 2).sum(axis=2) / FAR**2, self._far_unseen[order])
-            # With this an error that is as those around it costs as much as Cauchy's function says, and never less.
-            for_weight = np.where(all_seen, FAR**2 * (np.log(far) + 1.0 / far - 1.0), 0.0)
-            cost[order:] += 0.5 * (square / far + for_weight).sum(axis=1)
+        for _, stencil, error, far, _ in self._errors(points, seen):
+            rows = len(error)
             for i, weight in enumerate(stencil):
                 pull[i : i + rows] -= (weight / far)[..., None] * error
                 for j in range(i + 1):
@@ -88,7 +72,33 @@ class MotionPenalty:
         across = np.swapaxes(slopes, 1, 2)
         by_row = np.repeat(couplings, 3 * POINTS_A_JOINT, axis=2)[..., None]
         blocks = [across[o:] @ (by_row[o, : frames - o] * slopes[: frames - o]) for o in range(min(3, frames))]
-        return MotionCost(cost, gradient, BlockBand(blocks))
+        return MotionCost(self.cost(points, seen), gradient, BlockBand(blocks))
+
+    def cost(self, points: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """(frame,) what :meth:`around` gives as each frame's cost, without what only a step needs."""
+        cost = np.zeros(len(points))
+        for order, _, error, far, all_seen in self._errors(points, seen):
+            square = (error**2).sum(axis=2)  # (row, joint)
+            # With this an error that is as those around it costs as much as Cauchy's function says, and never less.
+            for_weight = np.where(all_seen, FAR**2 * (np.log(far) + 1.0 / far - 1.0), 0.0)
+            cost[order:] += 0.5 * (square / far + for_weight).sum(axis=1)
+        return cost
+
+    def _errors(self, points: np.ndarray, seen: np.ndarray) -> Iterator[tuple[Any, ...]]:
+        """Of velocities, then accelerations: the order, the stencil, errors (row, joint, value), how far (row, joint).
+
+        Last comes whether each row's frames are all seen (row, 1).
+        """
+        place = points.reshape(len(points), points.shape[1] // POINTS_A_JOINT, -1) / np.sqrt(POINTS_A_JOINT)
+        for order, scale in self._scale.items():
+            rows = len(points) - order
+            if rows <= 0:
+                continue
+            stencil = np.diff(np.eye(order + 1), n=order, axis=0)[0] * scale
+            error = sum(weight * place[i : i + rows] for i, weight in enumerate(stencil))
+            all_seen = np.all([seen[i : i + rows] for i in range(order + 1)], axis=0)[:, None]
+            far = np.where(all_seen, 1.0 + (_shared(error) ** 2).sum(axis=2) / FAR**2, self._far_unseen[order])
+            yield order, stencil, error, far, all_seen
 
 
 def _shared(error: np.ndarray) -> np.ndarray:

@@ -38,15 +38,11 @@ BODY_INTERVAL = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty(FrameArrays):
-    """Standard deviations of each frame.
+    """Standard deviations of each frame."""
 
-    Attributes:
-        pose: (frame, coordinate) float64 [m, rad], of poses that have left their rooting; zero for what is held.
-        joint: (frame, joint, 3) float64, of the joints' centres along the world's axes [m].
-    """
-
+    # (frame, coordinate) float64 [m, rad], of poses that have left their rooting; zero for what is held
     pose: np.ndarray
-    joint: np.ndarray
+    joint: np.ndarray  # (frame, joint, 3) float64, of the joints' centres along the world's axes [m]
 
 
 JointAxes = Callable[[RootedPoses], np.ndarray]
@@ -129,17 +125,11 @@ def marginal_covariance(
 
 @dataclass(frozen=True, eq=False)
 class BodyChanges:
-    """Ways in which a body may not be quite the right one.
+    """Ways in which a body may not be quite the right one."""
 
-    Attributes:
-        vertex: (parameter, tracking vertex, 3) of the skin in the bind pose by each [m].
-        joint: (parameter, joint, 3) of the joints' centres by each [m].
-        sigma: (parameter,) prior standard deviations.
-    """
-
-    vertex: np.ndarray
-    joint: np.ndarray
-    sigma: np.ndarray
+    vertex: np.ndarray  # (parameter, tracking vertex, 3) of the skin in the bind pose by each [m]
+    joint: np.ndarray  # (parameter, joint, 3) of the joints' centres by each [m]
+    sigma: np.ndarray  # (parameter,) prior standard deviations
 
 
 def body_changes(body: BodyModel) -> BodyChanges:
@@ -214,12 +204,12 @@ class BodyDeviations:
         dof = len(rooting.searched)
         views = self._linearise(frames, rooted)
         matrix = views.together.with_prior(self._information)
-        body = np.linalg.inv(matrix)[:, dof:, dof:]
         pose = -np.linalg.solve(matrix[:, :dof, :dof], matrix[:, :dof, dof:])  # (frame, dof, parameter)
+        follows = matrix[:, dof:, dof:] + matrix[:, dof:, :dof] @ pose
+        body = np.linalg.inv(follows)  # of the whole inverse, the body's block
         # What each view asks of the pose alone (frame, dof, view), and of a body that is the same in all frames.
         alone = np.linalg.solve(matrix[:, :dof, :dof], np.swapaxes(views.gradient[..., :dof], 1, 2))
         asked = (views.gradient[..., dof:] + views.gradient[..., :dof] @ pose).mean(axis=0)  # (view, parameter)
-        follows = matrix[:, dof:, dof:] + matrix[:, dof:, :dof] @ pose
         change = np.linalg.solve(follows.mean(axis=0), asked.T)  # (parameter, view)
         # A joint moves with its bones, and with the pose that follows them.
         joint = points.centres_by_rest(rooted, self._change)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 import warp as wp
@@ -17,7 +18,7 @@ from mmocap_warp.contour.frame.fitter_arrays import make_descent, make_edges, ma
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses
 from mmocap_warp.device.shared_work import SharedWork
-from mmocap_warp.device.transfers import Replays, Upload
+from mmocap_warp.device.transfers import Download, Replays, Upload
 from mmocap_warp.kernels.block import Batch
 from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
@@ -29,27 +30,20 @@ from mmocap_warp.kernels.contour.moving import Moving, bend_skin, follow_skin
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations, sum_tallies, triangle_words
 from mmocap_warp.kernels.contour.outline import find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
+from mmocap_warp.kernels.launching import Recordings
 from mmocap_warp.kernels.structs import allocated, filled
 from mmocap_warp.masks.observation import Observation, assign_cameras, make_views
 
 
 @dataclass(frozen=True)
 class MatchingConfig:
-    """How an outline is compared with the masks' contours; lengths are at a body as large as a person.
+    """How an outline is compared with the masks' contours; lengths are at a body as large as a person."""
 
-    Attributes:
-        reach: how far along its normal a contour is looked for [m].
-        huber: residuals above count linearly [m].
-        sigma: standard deviation of a residual [m].
-        apart: outline that errs as one [px].
-        deep: outline that is farther outside of the mask is counted as exposed [m].
-    """
-
-    reach: float = 0.090
-    huber: float = 0.012
-    sigma: float = 0.012
-    apart: float = 4.0
-    deep: float = 0.04
+    reach: float = 0.090  # how far along its normal a contour is looked for [m]
+    huber: float = 0.012  # residuals above count linearly [m]
+    sigma: float = 0.012  # standard deviation of a residual [m]
+    apart: float = 4.0  # outline that errs as one [px]
+    deep: float = 0.04  # outline that is farther outside of the mask is counted as exposed [m]
 
     def for_size(self, share: float) -> MatchingConfig:
         """That of a body of so much of a person's size; cameras are as much nearer to it."""
@@ -149,7 +143,8 @@ class ContourFitter:
         for module in (skinning, moving, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
         self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.struct.frame)]
-        self._replays = Replays(device)
+        self._replays, self._recordings = Replays(device), Recordings()
+        self._answers = Download([self.descent.best, self.descent.tally])
 
     def observe(self, place: int, observation: Observation) -> None:
         """Put a frame's masks into one of the places for frames."""
@@ -254,7 +249,7 @@ class ContourFitter:
             if neighbours and self.late:
                 self.move(rooted[part], neighbours[part])
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
-            self._work.run(self._sum, part.stop - part.start)
+            self._work.run(lambda batch: self._again(batch, 0, self._sum), part.stop - part.start)
             yield part.stop - part.start
 
     def start_at(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> None:
@@ -270,8 +265,7 @@ class ContourFitter:
         poses, with their ``cost`` and ``tally``. On a GPU nothing waits for them, and the second descent of a kind is
         captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
         """
-        kind = (count, steps, self.fields.addresses, self.follows)
-        self._replays.run(kind, lambda: self._run(count, steps))
+        self._replays.run((count, steps, *self._baked), lambda: self._run(count, steps))
 
     def descended(
         self, place: np.ndarray, starts: RootedPoses, neighbours: Neighbours, steps: int
@@ -285,8 +279,9 @@ class ContourFitter:
                 self.move(starts[part], neighbours[part])
             self.start_at(starts.pose[part], starts.base[part], place[part])
             self.descend(count, steps)
-            pose[part] = self.descent.best.numpy()[:count]
-            cost[part] = 0.5 * self.descent.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
+            self._answers.fetch(count)
+            pose[part], tally = self._answers.read(count)
+            cost[part] = 0.5 * tally[:, :, 0].astype(np.float64).sum(axis=1)
         return RootedPoses(starts.base, pose), cost
 
     def _run(self, count: int, steps: int) -> None:
@@ -294,7 +289,17 @@ class ContourFitter:
         wp.copy(descent.start, descent.pose)
         descent.cost.fill_(wp.inf)
         descent.damping.fill_(_FIRST_DAMPING)
-        self._work.run(lambda batch: self._descend(batch, steps), count)
+        work = partial(self._descend, steps=steps)
+        self._work.run(lambda batch: self._again(batch, steps, work), count)
+
+    @property
+    def _baked(self) -> tuple[int | float | None, ...]:
+        """What launches that are kept hold besides arrays: the fields' addresses change when more room is made."""
+        return *self.fields.addresses, self.follows
+
+    def _again(self, batch: Batch, steps: int, work: Callable[[Batch], None]) -> None:
+        """Do work with a batch whose launches are the same each time."""
+        self._recordings.run((batch.first, batch.size, steps, *self._baked), self._device, lambda: work(batch))
 
     def _descend(self, batch: Batch, steps: int) -> None:
         for step in range(steps + 1):

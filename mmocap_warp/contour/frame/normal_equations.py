@@ -19,16 +19,11 @@ class NormalEquations(FrameArrays):
     ``cost(step) = cost - gradient @ step + step @ matrix @ step / 2``, where a step has the searched coordinates
     [m, rad], then the body's parameters. Costs are those of errors in units of their standard deviation, halved: the
     inverse of ``matrix`` is a covariance.
-
-    Attributes:
-        matrix: (frame, n, n) float64, symmetric, positive semidefinite; zero where a frame shows nothing.
-        gradient: (frame, n) float64, the direction in which the cost falls.
-        cost: (frame,) float64.
     """
 
-    matrix: np.ndarray
-    gradient: np.ndarray
-    cost: np.ndarray
+    matrix: np.ndarray  # (frame, n, n) float64, symmetric, positive semidefinite; zero where a frame shows nothing
+    gradient: np.ndarray  # (frame, n) float64, the direction in which the cost falls
+    cost: np.ndarray  # (frame,) float64
 
     @property
     def observed(self) -> np.ndarray:

@@ -42,15 +42,10 @@ class FrameArrays:
 
 @dataclass(frozen=True, eq=False)
 class RootedPoses(FrameArrays):
-    """Poses with a root base for every frame.
+    """Poses with a root base for every frame."""
 
-    Attributes:
-        base: (frame, 3, 3) float64, world from body axes at zero root rotation.
-        pose: (frame, coordinate) float64 [m, rad]; the root's angles count from the frame's base.
-    """
-
-    base: np.ndarray
-    pose: np.ndarray
+    base: np.ndarray  # (frame, 3, 3) float64, world from body axes at zero root rotation
+    pose: np.ndarray  # (frame, coordinate) float64 [m, rad]; the root's angles count from the frame's base
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -66,11 +61,11 @@ class RootedPoses(FrameArrays):
 
         Before the first and after the last known frame its pose is repeated; where none is known nothing changes.
         """
-        from scipy.spatial.transform import Rotation, Slerp
-
         at = np.flatnonzero(known)
         if len(at) in (0, len(known)):
             return self
+        from scipy.spatial.transform import Rotation, Slerp
+
         frames = np.clip(np.arange(len(known)), at[0], at[-1])
         pose = np.stack([np.interp(frames, at, values) for values in self.pose[at].T], axis=1)
         if len(at) == 1:

@@ -35,15 +35,10 @@ _IMAGE_SIDE = 320  # larger images are read with this longer side [px]
 
 @dataclass(frozen=True)
 class Page:
-    """A page that shows a result; a notebook shows it below the cell that ends with it.
+    """A page that shows a result; a notebook shows it below the cell that ends with it."""
 
-    Attributes:
-        html: the whole file.
-        frames: how many frames the result has.
-    """
-
-    html: str
-    frames: int
+    html: str  # the whole file
+    frames: int  # how many frames the result has
 
     def write(self, path: str | Path) -> None:
         """Write it as a file, whole or not at all.

@@ -58,29 +58,17 @@ class CameraFiles:
 
 @dataclass(frozen=True, repr=False)
 class DatasetScene:
-    """A recording of a data set.
+    """A recording of a data set."""
 
-    Attributes:
-        about: lines that say what it is, for the head of the scene file.
-        name: of the scene.
-        rig: the cameras as calibrated, in metres.
-        fps: frames a second.
-        frames: how many.
-        cameras: the files of each camera, in the order of the rig.
-        truth: joints and markers in the world of the rig; None where the copy has none.
-        notes: what is odd or missing in the copy, in sentences.
-        foreground: the text of the scene's [foreground] table.
-    """
-
-    about: tuple[str, ...]
-    name: str
-    rig: CameraRig
-    fps: float
-    frames: int
-    cameras: tuple[CameraFiles, ...]
-    truth: Truth | None = None
-    notes: tuple[str, ...] = ()
-    foreground: str = FROM_RECORDING
+    about: tuple[str, ...]  # lines that say what it is, for the head of the scene file
+    name: str  # of the scene
+    rig: CameraRig  # the cameras as calibrated, in metres
+    fps: float  # frames a second
+    frames: int  # how many
+    cameras: tuple[CameraFiles, ...]  # the files of each camera, in the order of the rig
+    truth: Truth | None = None  # joints and markers in the world of the rig; None where the copy has none
+    notes: tuple[str, ...] = ()  # what is odd or missing in the copy, in sentences
+    foreground: str = FROM_RECORDING  # the text of the scene's [foreground] table
 
     def __repr__(self) -> str:
         known = 0

@@ -21,6 +21,7 @@ FARTHEST = 8
 _BLOCK = 64  # threads of a block: few, so that a few views fill a whole GPU too
 _SURE = wp.constant(FARTHEST - 1.0)  # what is far from a mask has a larger distance [px]
 _BORDER = wp.constant(1.0)  # width of an image's rim in which an outline means nothing [px]
+_GAP = wp.constant(2.0)  # between a mask and what is in front of it there may be pixels of neither [px]
 
 
 @wp.struct
@@ -32,6 +33,7 @@ class Fields:
     start: wp.array2d[wp.int32]  # (frame, camera) where a box begins in ``value``
     frame: wp.array[wp.int32]  # (candidate,) the frame that each candidate is judged against
     larger: wp.array[wp.float32]  # (camera,) by how much masks reach beyond what they show, all around [px]
+    hidden: wp.array4d[wp.uint32]  # (frame, camera, row, word) what is in front; no frames where nothing is in any
 
 
 @wp.struct
@@ -93,6 +95,24 @@ def _end_of_mask(fields: Fields, start: int, box: wp.vec4i, middle: wp.vec2, nor
         inner = next_inner
         step += 1
     return wp.where(wp.abs(nearest) <= reach, nearest, wp.inf)
+
+
+@wp.func
+def _is_behind(
+    fields: Fields, frame: int, k: int, size: wp.vec2i, middle: wp.vec2, normal: wp.vec2, way: float
+) -> bool:
+    """Whether something is in front of an outline's middle, or of its way outward of so many pixels."""
+    step = int(0)
+    while float(step) <= way:
+        point = middle + float(step) * normal
+        column = int(wp.round(point[0]))
+        row = int(wp.round(point[1]))
+        if column < 0 or row < 0 or column >= size[0] or row >= size[1]:
+            return False
+        if ((fields.hidden[frame, k, row, column // 32] >> wp.uint32(column % 32)) & wp.uint32(1)) != wp.uint32(0):
+            return True
+        step += 1
+    return False
 
 
 @wp.func
@@ -162,6 +182,11 @@ def _find_residuals(
                 reach = matching.reach * px
                 corner = matching.huber * px
                 found = _end_of_mask(fields, start, box, middle, normal, reach)
+                # With what is in front a mask ends where both do. Up to there nothing says where the outline is, and
+                # only an outline beyond it counts.
+                if fields.hidden.shape[0] > 0 and found >= 0.0:
+                    if _is_behind(fields, frame, k, size, middle, normal, wp.min(found, reach) + _GAP):
+                        continue
                 matched = wp.abs(found) <= reach
                 share = length / (matching.sigma * matching.sigma * px * px * matching.apart)
                 residual = wp.where(matched, found - fields.larger[k], reach)

@@ -15,6 +15,7 @@ class Sight:
     """What each view sees."""
 
     word: wp.array3d[wp.uint32]  # (camera, row, word) masks, 32 pixels a word
+    possible: wp.array3d[wp.uint32]  # (camera, row, word) these, and what may be in front of them
     size: wp.array[wp.vec2i]  # (camera,) width and height [px]
     turn: wp.array[wp.mat33d]  # (camera,) from the world to pixels times depth
     shift: wp.array[wp.vec3d]  # (camera,)
@@ -24,7 +25,7 @@ class Sight:
 
 @wp.func
 def _shows(sight: Sight, k: int, column: int, row: int) -> bool:
-    return (sight.word[k, row, column // 32] >> wp.uint32(column % 32)) & wp.uint32(1) != wp.uint32(0)
+    return (sight.possible[k, row, column // 32] >> wp.uint32(column % 32)) & wp.uint32(1) != wp.uint32(0)
 
 
 @wp.func

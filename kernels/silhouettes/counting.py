@@ -114,6 +114,8 @@ def frozen_word(frozen: Frozen, run: int, k: int, row: int, word: int) -> wp.uin
 def count_word(bits: wp.uint32, views: Views, frozen: Frozen, run: int, k: int, row: int, word: int) -> wp.vec2i:
     """What a word of the moving piece's pixels adds to the frozen silhouette's counts."""
     added = bits & ~frozen_word(frozen, run, k, row, word)
+    if views.hidden.shape[0] > 0:
+        added = added & ~views.hidden[k, row, word]
     if added == wp.uint32(0):
         return wp.vec2i(0, 0)
     return wp.vec2i(wp.bit_count(added), wp.bit_count(added & views.observed[k, row, word]))

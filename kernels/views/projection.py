@@ -39,6 +39,7 @@ class Views:
     size: wp.array[wp.vec2i]  # (camera,) width height [px]
     observed: wp.array3d[wp.uint32]  # (camera, row, word) masks F
     foreground: wp.array[wp.int32]  # (camera,) |F|
+    hidden: wp.array3d[wp.uint32]  # (camera, row, word) pixels that count nowhere; no cameras where all count
 
 
 @wp.func

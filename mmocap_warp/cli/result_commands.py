@@ -20,40 +20,69 @@ from mmocap_warp.formats.toml_table import listed
 from mmocap_warp.tracking.track_config import AS_GIVEN, REFINE, TrackConfig
 
 if TYPE_CHECKING:
+    from mmocap_warp.body.model import Subject
     from mmocap_warp.scene.recording import Scene
 
 TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
 @command("track:track", output=Given(Path | None), frames=SceneFrames, settings=TrackFlags | None)
-def track(call: Any, console: Console, loaded: Scene, output: Path | None, force: bool, settings: Any) -> int:
-    from mmocap_warp.commands.evaluate import evaluate_in_scene
+def track(
+    call: Any, console: Console, loaded: Scene, output: Path | None, person: str | None, force: bool, settings: Any
+) -> int:
     from mmocap_warp.commands.mask import with_masks
-    from mmocap_warp.commands.show import show_all
-    from mmocap_warp.result.verdict import verdict
 
     # Without an output all is made beside the scene, and what exists is not made again.
     whole, output = output is None, output or loaded.directory / "result.usdc"
     loaded = with_masks(loaded, console)
-    tracked = call(scene=loaded, output=output, **({"resume": True} if whole and not force else {}))
+    if person is not None or not loaded.people:
+        chosen = loaded.of_person(person) if person in loaded.people else loaded
+        values, text, code = _track(call, console, chosen, output, whole, force, settings)
+    else:
+        each = [
+            _track(call, console, loaded.of_person(name), _of_person(output, name), whole, force, settings)
+            for name in loaded.people
+        ]
+        values = {"people": dict(zip(loaded.people, (of_one[0] for of_one in each), strict=True))}
+        text, code = "\n".join(of_one[1] for of_one in each), max(of_one[2] for of_one in each)
+    console.result(values, text)
+    return code
+
+
+def _of_person(output: Path, name: str) -> Path:
+    """The file of one of several people: ``result.anna.usdc`` for ``result.usdc``."""
+    return output.with_name(f"{output.stem}.{name}{output.suffix}")
+
+
+def _track(
+    call: Any, console: Console, scene: Scene, output: Path, whole: bool, force: bool, settings: Any
+) -> tuple[dict[str, Any], str, int]:
+    """Track one person: what is known then, as values and for people, and the exit code."""
+    from mmocap_warp.commands.evaluate import evaluate_in_scene
+    from mmocap_warp.commands.show import show_all
+    from mmocap_warp.result.verdict import verdict
+
+    changes: dict[str, Any] = {"person": None} if scene.person else {}  # the scene is of that person already
+    resumed = {"resume": True} if whole and not force else {}
+    tracked = call(scene=scene, output=output, **changes, **resumed)
     # Cameras that disagree are refined, unless something else is asked for.
-    asked = (settings and settings.cameras) or "cameras" in loaded.track or tracked.config["cameras"] == REFINE
+    asked = (settings and settings.cameras) or "cameras" in scene.track or tracked.config["cameras"] == REFINE
     if whole and not asked and verdict(tracked)["cameras"]:
         console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
-        tracked = call(scene=loaded, output=output, force=True, cameras=REFINE)
+        tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})
         force = True
     try:
-        report, warning = evaluate_in_scene(tracked, loaded)
+        report, warning = evaluate_in_scene(tracked, scene)
     except InputError:
         console.warn(f"{output} is written; its comparison with the scene's truth failed:")
         raise
     step = (report["verdict"]["cameras"] and report["verdict"]["next"]) or next_step("show", output)
     files = {"result": output, **(show_all(output, console, force) if whole else {})}
-    values = {**files, **report, "config": tracked.config, "next": step}
-    console.result(values, "\n".join([*map(str, files.values()), summary(report), f"next: {step}"]))
     if warning:
         console.warn(warning)
-    return OK if report["verdict"]["holds"] else CHECK_FAILED
+    text = "\n".join([*map(str, files.values()), summary(report), f"next: {step}"])
+    code = OK if report["verdict"]["holds"] else CHECK_FAILED
+    return {**files, **report, "config": tracked.config, "next": step}, text, code
 
 
 @command(
@@ -82,8 +111,19 @@ def live(call: Any) -> Answer:
     frames=SceneFrames,
     settings=FitFlags | None,
 )
-def fit(call: Any, output: Path) -> Answer:
-    subject = call()
+def fit(call: Any, scene: Path, output: Path, person: str | None) -> Answer:
+    from mmocap_warp.scene.scene_toml import load_scene
+
+    people = load_scene(scene).people if person is None else {}
+    if not people:
+        return _fitted(call(), output)
+    files = {name: _of_person(output, name) for name in people}
+    each = [_fitted(call(person=name, output=file), file) for name, file in files.items()]
+    values = {"people": dict(zip(people, (of_one.values for of_one in each), strict=True))}
+    return Answer(values, [line for of_one in each for line in of_one.lines])
+
+
+def _fitted(subject: Subject, output: Path) -> Answer:
     known, name = subject.provenance, subject.body.name
     step = next_step("show", output)
     values = {"file": output, "body": name, "height_m": known["body.height"], **known, "next": step}
@@ -144,7 +184,13 @@ def _by_joint(errors: dict[str, dict[str, float | None]]) -> str:
     return table([("joint", "median [mm]", "offset [mm]", "left [mm]"), *rows])
 
 
-@command("show:show", order="output scene whole slow deviations strip", result=Path, frames=ResultFrames)
+@command(
+    "show:show",
+    order="output beside scene whole slow deviations strip",
+    result=Path,
+    beside=Annotated[list[Path] | None, Parameter()],
+    frames=ResultFrames,
+)
 def show(call: Any, result: Path) -> Answer:
     drawn = call()
     known = {"video": drawn.video, "sheet": drawn.sheet, "strip": drawn.strip}

@@ -16,7 +16,7 @@ from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.toml_table import Table, config_from_table
 from mmocap_warp.study import ablation
 from mmocap_warp.study.ablation import REPORTING, STARTS, TUNING, AblationCell, track_with_seed
-from mmocap_warp.study.degradations import NONE, parse, write_sequence
+from mmocap_warp.study.degradations import NONE, parse, write_people, write_sequence
 from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS, SEQUENCES, clip_sequence
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.store import open_folder
@@ -38,6 +38,7 @@ def make_sequences(
     clip: str | Path | None = None,
     skeleton: str | Path | None = None,
     markers: str | Path | None = None,
+    together: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> dict[str, Path]:
@@ -54,6 +55,7 @@ def make_sequences(
         clip: a .bvh or .amc file whose motion takes the place of the one sequence's own.
         skeleton: the .asf of an .amc. [default: beside it, named as the .amc up to '_']
         markers: the .c3d of the same take as an .amc; its marker paths become the truth.
+        together: the people of the sequences, two or more, are in one scene of label images and pass each other.
         force: write among files that are there.
         reporter: who is told of progress.
 
@@ -75,7 +77,15 @@ def make_sequences(
     if clip is None and (skeleton or markers):
         raise UsageError(f"--{'skeleton' if skeleton else 'markers'} needs --clip")
     _check_degradation(degrade)
+    people = {name.split("/")[0] for name in sequences}
+    if together and (len(people) < 2 or len(people) < len(sequences) or degrade != NONE or clip is not None):
+        raise UsageError("--together needs two or more --sequence of different people, without --clip and --degrade")
     folder = new_folder(folder, force=force)
+    if together:
+        shortest = min(CLIPS[name].frame_count for name in sequences)
+        of_people = [CLIPS[name].first(min(frames or shortest, shortest)) for name in sequences]
+        with (reporter or Reporter()).stage("make people") as progress:
+            return {" and ".join(sequences): write_people(folder, of_people, progress)}
     scenes = {}
     for name in sequences or tuple(SEQUENCES):
         made = CLIPS[name] if clip is None else clip_sequence(name, clip, skeleton, markers)

@@ -35,20 +35,31 @@ def scene_from(
     *,
     calibrated: bool = True,
     source: str | None = None,
+    person: str | None = None,
 ) -> Scene:
     """A scene by its file or folder, or as it is; of it the frames and the person that are asked for.
 
-    Without ``calibrated`` there need not be a calibration; ``source`` is that of :func:`load_scene`, for a file. A
-    reporter is told where given masks show more than one person, and how to choose: one person is tracked at a time.
+    A scene of several people is that of the ``person`` of this name. Without ``calibrated`` there need not be a
+    calibration; ``source`` is that of :func:`load_scene`, for a file. A reporter is told where given masks show more
+    than one person, and how to choose: one person is tracked at a time.
 
     Raises:
         InputError: the scene is wrong.
-        UsageError: it does not have these frames, or no identities.
+        UsageError: it does not have these frames, no identities, or nobody of that name.
         TypeError: it is neither.
     """
     with arguments_checked():
         chosen = _open_scene(scene, _frames_text(frames), identity, calibrated, source)
-    if reporter is not None and chosen.foreground.source == "masks" and not chosen.foreground.identity:
+    if person is not None:
+        if person not in chosen.people:
+            listed = f"one of {', '.join(chosen.people)}" if chosen.people else "in the scene, which names nobody"
+            raise UsageError(f"--person {person} is not {listed}")
+        chosen = chosen.of_person(person)
+    if (
+        reporter is not None
+        and chosen.foreground.source == "masks"
+        and not (chosen.foreground.identity or chosen.labelled)
+    ):
         others = ((source.name, _others(chosen, source)) for source in chosen.cameras)
         if (seen := next((f"{name} {line}" for name, line in others if line is not None), None)) is not None:
             reporter.note(seen)  # the other cameras see the same people
@@ -134,7 +145,8 @@ def scene_reference(scene: Scene, file: Path | None, prefix: str = "") -> dict[s
     """How a result or a subject names scene and person: relative to its own file, so that both can move together."""
     path, identity = scene.path.resolve(), scene.foreground.identity
     reference = path if file is None else Path(os.path.relpath(path, file.resolve().parent))
-    return {f"{prefix}scene": reference.as_posix()} | ({f"{prefix}identity": identity} if identity else {})
+    known: dict[str, str | int] = {"identity": identity, "person": scene.person}
+    return {f"{prefix}scene": reference.as_posix()} | {f"{prefix}{key}": of for key, of in known.items() if of}
 
 
 def scene_of(
@@ -149,10 +161,12 @@ def scene_of(
     """
     is_result = isinstance(made, Result)
     known: Mapping[str, Any] = made.config if isinstance(made, Result) else made.provenance
-    reference, identity = (known.get(name if is_result else f"fit.{name}") for name in ("scene", "identity"))
+    names = ("scene", "identity", "person")
+    reference, identity, person = (known.get(name if is_result else f"fit.{name}") for name in names)
     identity = None if identity is None else int(identity)
     if named is not None:
-        return named if isinstance(named, Scene) else load_scene(named, identity=identity)
+        found = named if isinstance(named, Scene) else load_scene(named, identity=identity)
+        return found.of_person(person) if person in found.people else found
     if reference is None:
         return None
     if path is None and not Path(reference).is_absolute():
@@ -164,7 +178,19 @@ def scene_of(
     if not recorded.exists():
         problem = f"was made from {recorded}, which is not there"
         raise InputError(path or "result", problem, "name the scene with --scene")
-    return load_scene(recorded, identity=identity)
+    found = load_scene(recorded, identity=identity)
+    return found.of_person(person) if person in found.people else found
+
+
+def one_person(scene: Scene) -> Scene:
+    """The scene, which is of one person.
+
+    Raises:
+        UsageError: it has several people, of whom none is chosen.
+    """
+    if scene.people and not scene.person:
+        raise UsageError(f"--person is missing: the scene has {', '.join(scene.people)}")
+    return scene
 
 
 def truth_of(scene: Scene | None) -> Truth | None:
@@ -232,12 +258,14 @@ def look_first(
     from mmocap_warp.calibration.first_look import look
 
     looked = look(scene, body, start=start, to_be_mended=to_be_mended)
-    if looked.problem is not None and not trust:
+    hidden = any(source.in_front for source in scene.cameras)  # then views may differ in what they show
+    if looked.problem is not None and not (trust or hidden):
         remedy = f"{looked.remedy}; or go on with --trust-cameras"
         raise InputError(scene.path, looked.problem, remedy)
-    for doubt in (*looked.doubts, *([f"{looked.problem}, and is trusted"] if looked.problem else [])):
+    told = "is trusted" if trust else "what is in front of the subject may be why"
+    for doubt in (*looked.doubts, *([f"{looked.problem}, and {told}"] if looked.problem else [])):
         reporter.note(f"cameras: {doubt}")
-    return {"trusted_cameras": looked.problem} if looked.problem else {}
+    return {"trusted_cameras": looked.problem} if looked.problem and trust else {}
 
 
 def span(frames: Sequence[int] | np.ndarray) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -50,6 +51,7 @@ def show(
     result: Result | Subject | str | Path,
     scene: Scene | str | Path | None = None,
     *,
+    beside: Sequence[str | Path] | None = None,
     output: str | Path | None = None,
     frames: Frames = None,
     whole: bool = False,
@@ -66,6 +68,7 @@ def show(
     Args:
         result: what was tracked or fitted, or its file.
         scene: the scene, if it is no longer where the result says.
+        beside: files of other people's results, of the same scene and frames, to be drawn too.
         output: the video's file, .webm. The sheet, and a subject's picture, have the ending .png. [default: beside the
             result and named after it]
         frames: which of the result's frames. [default: all]
@@ -82,8 +85,8 @@ def show(
     """
     reporter = reporter or Reporter()
     if isinstance(result, Subject) or (isinstance(result, str | Path) and not holds_result(result)):
-        if frames is not None or whole or slow != 1.0 or deviations or strip:
-            problem = "--frames, --whole, --slow, --deviations and --strip need a result"
+        if frames is not None or whole or slow != 1.0 or deviations or strip or beside:
+            problem = "--beside, --frames, --whole, --slow, --deviations and --strip need a result"
             raise UsageError(f"{problem}; a subject is drawn over the frame of its fit: leave them out")
         return _show_subject(result, scene, new_file(_beside(result, output, ".png"), ".png", force=force))
     if not 0.0 < slow < float("inf"):
@@ -95,8 +98,11 @@ def show(
     positions = positions_of(tracked, frames)
     start_warp()
     recorded, shown = scene_of(tracked, path, scene, reporter), tracked.at(positions)
+    others = [(result_from(each)[0], scene_of(*result_from(each), scene, reporter)) for each in beside or ()]
+    if any(other.frame_numbers.tolist() != tracked.frame_numbers.tolist() for other, _ in others):
+        raise UsageError("--beside needs results of the same frames")
     settings = {"strip": animated, "slow": slow, "deviations": deviations}
-    draw_result(tracked, recorded, video, sheet, reporter, positions, whole=whole, **settings)
+    draw_result(tracked, recorded, video, sheet, reporter, positions, whole, others, **settings)
     judged = verdict(shown, None if recorded is None else recorded.path)
     return Drawing(video, sheet, {"iou_by_camera": iou_by_camera(shown), "verdict": judged}, animated)
 
@@ -143,12 +149,14 @@ def draw_result(
     reporter: Reporter,
     positions: list[int] | None = None,
     whole: bool = False,
+    others: Sequence[tuple[Result, Scene | None]] = (),
     **settings: Any,
 ) -> None:
     """Write the overlay video and the contact sheet, over the scene's images and masks where there is a scene.
 
     They show all frames, or those at ``positions`` in the result. Masks are those that were tracked; images are as
-    large as they are shown, so that a result of small masks can still be judged. ``settings`` are further ones of
+    large as they are shown, so that a result of small masks can still be judged. ``others`` are results of the same
+    frames that are drawn too, each with the scene of its person. ``settings`` are further ones of
     :func:`mmocap_warp.display.result_video.show`.
     """
     positions = list(range(len(result.frame_numbers))) if positions is None else positions
@@ -161,6 +169,9 @@ def draw_result(
         result_video.check_same_recording(result, scene)
         part = scene.of_frames(as_range(shown.frame_numbers.tolist()))
         images, masks = part.images(scale), tracked_masks(scene, result, positions)
+    for other, its_scene in others:
+        seen = None if its_scene is None else tracked_masks(its_scene, other, positions)
+        images = result_video.drawn_over(other.at(positions), images, seen)
     with reporter.stage("show") as progress:
         settings |= {"layout": layout, "progress": lambda done: progress(done, count)}
         result_video.show(shown, images, masks, video=video, sheet=sheet, **settings)

@@ -17,6 +17,7 @@ from mmocap_warp.commands.inputs import (
     Frames,
     body_from,
     look_first,
+    one_person,
     result_from,
     scene_from,
     scene_reference,
@@ -62,6 +63,7 @@ def fit(
     output: str | Path | None = None,
     frames: str | int | range | None = None,
     identity: int | None = None,
+    person: str | None = None,
     trust_cameras: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
@@ -81,6 +83,7 @@ def fit(
         frames: which of the recording's frames: first:end or first:end:stride. A number is the setting of that name.
             [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
+        person: the name of who is meant, of the people in the scene. [default: from the command line, each in turn]
         trust_cameras: go on even if masks and calibration fit no body; the subject says so.
         force: replace a file that exists.
         reporter: who is told of notes and progress.
@@ -94,7 +97,7 @@ def fit(
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force)
     if isinstance(frames, int):
         settings, frames = settings | {"frames": frames}, None
-    loaded = scene_from(scene, frames, identity, reporter)
+    loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
     chosen = effective(FitConfig, loaded.settings("fit"), settings, config)
     generic = body_from(body, loaded)
     poses = _start_poses(start_poses, body, loaded)
@@ -164,6 +167,7 @@ def track(
     rigid: bool | None = None,
     frames: Frames = None,
     identity: int | None = None,
+    person: str | None = None,
     again: Result | str | Path | None = None,
     pins: str | Path | list[dict[str, Any]] | None = None,
     resume: bool = False,
@@ -187,6 +191,7 @@ def track(
         rigid: that body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
         frames: which of the recording's frames. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
+        person: the name of who is meant, of the people in the scene. [default: from the command line, each in turn]
         again: a result of this scene, in which only the frames around pins, or those of --frames, are solved anew; all
             others keep their bits. Subject and settings are the result's own; device and threads may be other ones.
         pins: for --again, a file of joints that were clicked in two views or more, which 'mmocap view' helps to write.
@@ -212,12 +217,13 @@ def track(
         given_too = [name for name, value in (("subject", subject), ("body", body), ("resume", resume)) if value]
         if given_too:
             raise UsageError(f"--again cannot be given with --{given_too[0]}: what it names is solved anew in part")
-        return _again(scene, again, pins, config, output, frames, identity, force, reporter, settings)
+        return _again(scene, again, pins, config, output, frames, identity, person, force, reporter, settings)
     if pins is not None:
         raise UsageError("--pins needs --again, the result whose frames were pinned")
     subject, body = _starts_from(subject, body)
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
-    loaded = with_masks(scene_from(scene, frames, identity, reporter), reporter)
+    loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
+    loaded = with_masks(loaded, reporter)
     chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
     truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}
@@ -275,6 +281,7 @@ def _again(
     output: str | Path | None,
     frames: Frames,
     identity: int | None,
+    person: str | None,
     force: bool,
     reporter: Reporter,
     settings: dict[str, Any],
@@ -282,7 +289,7 @@ def _again(
     """A result of which some frames were solved anew: around pins, or those that are named."""
     result, path = result_from(again)
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force)
-    loaded = scene_from(scene, frames, identity, reporter)
+    loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
     numbers = result.frame_numbers.tolist()
     chosen = [position for position, number in enumerate(numbers) if number in loaded.frames]
     span = range(chosen[0], chosen[-1] + 1) if 0 < len(chosen) < len(numbers) else None

@@ -137,13 +137,27 @@ def overlay(
         check_same_recording(result, scene)
         images = next(scene.of_frames(range(number, number + 1)).images())
         masks = next(tracked_masks(scene, result, [frame % len(result.frame_numbers)]))
-    windows = [
-        Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
-        for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
-    ]
     body = _project_run(result, result.best_run if run is None else run)
-    view = body.views(frame, images, masks, windows)[k]
+    view = body.views(frame, images, masks, _whole_windows(result.cameras, images))[k]
     return view[:, :, ::-1].copy()  # OpenCV draws blue first
+
+
+def drawn_over(result: Result, images: Images | None, masks: Images | None) -> Iterator[list[np.ndarray | None]]:
+    """Per frame of a result, an image for each camera with the best run drawn over it, for another body to come over.
+
+    Images and masks are as :func:`show` takes them.
+    """
+    body = _project_run(result, result.best_run)
+    for frame, (seen, masked) in enumerate(_frames_in_step(result, images, masks)):
+        yield [*body.views(frame, seen, masked, _whole_windows(result.cameras, seen))]
+
+
+def _whole_windows(rig: CameraRig, images: Sequence[np.ndarray | None]) -> list[Window]:
+    """All of each camera's image, as large as it is, or as its masks where there is none."""
+    return [
+        Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
+        for (width, height), image in zip(rig.size.tolist(), images, strict=True)
+    ]
 
 
 def show_subject(

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
@@ -48,15 +49,42 @@ class Observation:
     foreground: np.ndarray  # (camera,) int, foreground pixels; 0 means that the view is lost
     # (camera,) float64, by how much later than the frame each mask was taken [s]; None where all are in time.
     late: np.ndarray | None = None
+    # (camera, row, word) uint32, pixels that show what may be in front of the subject, none of them foreground.
+    hidden: np.ndarray | None = None
 
     @classmethod
-    def from_masks(cls, masks: list[np.ndarray], late: np.ndarray | None = None) -> Observation:
-        """Pack one (height, width) boolean mask per camera."""
-        return cls(pack_masks(masks), np.array([int(mask.sum()) for mask in masks], np.int64), late)
+    def from_masks(
+        cls, masks: list[np.ndarray], late: np.ndarray | None = None, hidden: list[np.ndarray] | None = None
+    ) -> Observation:
+        """Pack one (height, width) boolean mask per camera, and of ``hidden`` what is no foreground.
+
+        In a view in which none of that is near the mask, it hides nothing: what is hidden goes on where a mask ends.
+        """
+        words, covered = pack_masks(masks), None
+        if hidden is not None:
+            near = [_meet(mask, other) for mask, other in zip(masks, hidden, strict=True)]
+            covered = pack_masks([other & meets for other, meets in zip(hidden, near, strict=True)]) & ~words
+            covered = covered if any(near) else None
+        return cls(words, np.array([int(mask.sum()) for mask in masks], np.int64), late, covered)
+
+    @property
+    def possible(self) -> np.ndarray:
+        """(camera, row, word) uint32, where the subject may be: its masks, and what may be in front of it."""
+        return self.words if self.hidden is None else self.words | self.hidden
+
+    def unpacked_hidden(self, sizes: np.ndarray) -> list[np.ndarray] | None:
+        """``hidden`` as :func:`unpack_masks` gives masks."""
+        return None if self.hidden is None else unpack_masks(self.hidden, sizes)
 
     def without(self, views: np.ndarray) -> Observation:
         """The same with nobody in some views (camera,) bool."""
         return replace(self, words=self.words * ~views[:, None, None], foreground=self.foreground * ~views)
+
+
+def _meet(mask: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two masks (height, width) bool are as near to each other as their faults may be large."""
+    beside = np.ones((2 * _FAULT + 1, 2 * _FAULT + 1), np.uint8)
+    return bool(other.any() and (cv2.dilate(mask.view(np.uint8), beside).view(bool) & other).any())
 
 
 def make_views(rig: CameraRig, device: str) -> Any:
@@ -73,7 +101,7 @@ def make_views(rig: CameraRig, device: str) -> Any:
     if 8 * words >= WORDS:
         raise ValueError(f"images must be narrower than {4 * WORDS} px, got {rig.size[:, 0].max()}")
     cameras = {"rotation": rig.R, "translation": rig.t, "lens": _lens(rig), "size": rig.size.astype(np.int32)}
-    return allocated(Views, device, **cameras, observed=(len(rig), rows, words), foreground=len(rig))
+    return allocated(Views, device, **cameras, observed=(len(rig), rows, words), foreground=len(rig), hidden=(0, 0, 0))
 
 
 def assign_cameras(views: Any, rig: CameraRig) -> None:
@@ -88,6 +116,7 @@ def _lens(rig: CameraRig) -> np.ndarray:
     return np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
 
 
+_FAULT = 8  # gaps up to so wide between a mask and what hides the subject are faults [px]
 _IN_MEMORY = 2**26  # bytes; larger amounts go to a temporary file
 _LEVEL = 1  # a mask of 640 x 480 takes 1 to 2 KB, in 0.1 ms; higher levels bring little
 _FRAMES_AHEAD = 4  # that are read while one is tracked
@@ -115,7 +144,8 @@ class KeptObservations:
         if self._full:
             return
         try:
-            length = self._file.write(zlib.compress(observation.words.tobytes(), _LEVEL))
+            hidden = b"" if observation.hidden is None else observation.hidden.tobytes()
+            length = self._file.write(zlib.compress(observation.words.tobytes() + hidden, _LEVEL))
             self._file.flush()  # else a full disk is noticed too late to read the masks again
         except OSError:  # no room
             self._frames.clear()
@@ -124,7 +154,8 @@ class KeptObservations:
                 self._file.close()
             return
         empty = np.broadcast_to(np.uint32(0), observation.words.shape)  # its shape, and no memory
-        self._frames.append((length, replace(observation, words=empty)))
+        hides = None if observation.hidden is None else empty
+        self._frames.append((length, replace(observation, words=empty, hidden=hides)))
 
     def through(self, observations: Iterable[Observation]) -> Iterator[Observation]:
         """Give observations on, each put aside before."""
@@ -139,8 +170,8 @@ class KeptObservations:
         """The frames, each with the bits it was added with. One iteration at a time."""
         self._file.seek(0)
         for length, frame in self._frames:
-            words = np.frombuffer(zlib.decompress(self._file.read(length)), "<u4")
-            yield replace(frame, words=words.reshape(frame.words.shape))
+            words = np.frombuffer(zlib.decompress(self._file.read(length)), "<u4").reshape(-1, *frame.words.shape)
+            yield replace(frame, words=words[0], hidden=None if frame.hidden is None else words[1])
 
 
 def read_ahead(observations: Iterable[Observation]) -> Iterator[Observation]:

@@ -45,14 +45,14 @@ def visual_hull(rig: CameraRig, observation: Observation, spacing: float = 0.03,
     """
     if not spacing > 0 or tolerate < 0:
         raise ValueError(f"spacing must be positive and tolerate not negative, got {spacing} and {tolerate}")
-    masks = unpack_masks(observation.words, rig.size)
+    own, masks = (unpack_masks(words, rig.size) for words in (observation.words, observation.possible))
     judging = [k for k, count in enumerate(observation.foreground) if count > 0]
     tolerate = min(tolerate, len(judging) - 2)
     if tolerate < 0:
         return np.empty((0, 3))
     rig = rig.select(tuple(rig.names[k] for k in judging))
     masks = [masks[k] for k in judging]
-    centre = meeting_point(rig, masks)
+    centre = meeting_point(rig, [own[k] for k in judging])
     coarse_grid = _grid(centre - _REACH, centre + _REACH, _COARSE_SPACING)
     coarse = _carve(rig, _grow_masks(rig, masks, centre), coarse_grid, tolerate)
     if not len(coarse):

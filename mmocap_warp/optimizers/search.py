@@ -80,6 +80,11 @@ class BatchedCost(Protocol):
     def evaluate(self, candidates: int) -> wp.array[wp.float32]:
         """Costs (candidate,) float32 of the first ``candidates`` rows of ``pose``; infinite is allowed, NaN is not."""
 
+    @property
+    def addresses(self) -> tuple[int | None, ...]:
+        """Of arrays that are made anew when more room is needed: a graph holds them."""
+        return ()
+
     def prepare(self, runs: int, index: np.ndarray) -> None:
         """Allocate what ``hold`` will need; nothing where candidates are always judged whole."""
         return
@@ -144,7 +149,7 @@ class Search:
     def run(self) -> None:
         """Search; improves ``best_pose`` in place."""
         if self._replays:
-            self._replays.run("search", self._run)
+            self._replays.run(("search", *self._objective.addresses), self._run)
         else:
             self._run()
 

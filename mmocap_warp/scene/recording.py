@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from math import ceil
 from pathlib import Path
 from typing import Any, Literal
@@ -63,6 +64,8 @@ class CameraSource:
     # ``round(f * rate + fraction) + frame_offset``.
     rate: float = 1.0
     fraction: float = 0.0  # what its offset is beyond ``frame_offset`` [its frames], at most half of one either way
+    label: int = 0  # in its masks, of the person who is tracked; 0 for the scene's [foreground] identity
+    in_front: tuple[int, ...] = ()  # labels of what may be in front of that person
 
     def mask_number(self, frame: int) -> int:
         """Which of its masks is the recording's frame; -1 for none."""
@@ -111,6 +114,23 @@ class CameraSource:
 
 
 @dataclass(frozen=True)
+class Person:
+    """One of several people in a scene.
+
+    Attributes:
+        labels: in each camera's masks, in the rig's order.
+        subject: a fitted subject, or None.
+        body: a body file, or the name of a shipped body, or None for the scene's.
+        truth: reference joints or a result to compare with, or None.
+    """
+
+    labels: tuple[int, ...]
+    subject: Path | None = None
+    body: str | Path | None = None
+    truth: Path | None = None
+
+
+@dataclass(frozen=True)
 class Scene:
     """A recording, or the part of it that is to be tracked. A camera whose shifted frame does not exist is lost there.
 
@@ -136,6 +156,8 @@ class Scene:
         units: of its lengths, as the scene says; None where it does not.
         named_frames: the frames that the scene file names, whose subtracted masks are kept; None for ``frames``.
         attached: what the body carries.
+        people: who is labelled in the masks, by name; empty where the scene has no such table.
+        person: the name of the one of them who is tracked; empty where none is chosen.
     """
 
     path: Path
@@ -157,6 +179,8 @@ class Scene:
     units: str | None = None
     named_frames: range | None = None
     attached: tuple[Attachment, ...] = ()
+    people: dict[str, Person] = field(default_factory=dict)
+    person: str = ""
 
     def __repr__(self) -> str:
         names = ", ".join(self.calibrated.names)
@@ -191,6 +215,25 @@ class Scene:
             frames, fraction = split_offset(offsets[source.name] * self.fps * source.rate)
             cameras.append(replace(source, frame_offset=frames, fraction=fraction))
         return replace(self, calibrated=rig, cameras=tuple(cameras))
+
+    @property
+    def labelled(self) -> bool:
+        """Whether its masks say who is tracked."""
+        return any(source.label for source in self.cameras)
+
+    def of_person(self, name: str) -> Scene:
+        """The same recording as one of its people is tracked in it: all others may be in front.
+
+        Raises:
+            KeyError: there is nobody of that name.
+        """
+        chosen, others = self.people[name], [each for key, each in self.people.items() if key != name]
+        cameras = []
+        for k, source in enumerate(self.cameras):
+            hides = {*source.in_front, *(other.labels[k] for other in others)} - {chosen.labels[k]}
+            cameras.append(replace(source, label=chosen.labels[k], in_front=tuple(sorted(hides))))
+        own = replace(self, subject=chosen.subject, body=chosen.body or self.body, truth=chosen.truth)
+        return replace(own, cameras=tuple(cameras), person=name)
 
     @property
     def _named_frames(self) -> range:
@@ -244,14 +287,29 @@ class Scene:
             ValueError: frames that the scene does not have.
             InputError: images that turn out unreadable.
         """
-        yield from self.observed(self.masks(scale, first, count, body), first)
+        yield from self.observed(self.masks(scale, first, count, body), scale, first)
 
-    def observed(self, masks: Iterable[list[np.ndarray]], first: int = 0) -> Iterator[Observation]:
-        """Masks of consecutive frames from ``first`` on, with the times at which they were taken."""
-        for place, views in enumerate(masks, first):
+    def observed(self, masks: Iterable[list[np.ndarray]], scale: float, first: int = 0) -> Iterator[Observation]:
+        """Masks of consecutive frames from ``first`` on, with the times at which they were taken and what hides them.
+
+        ``scale`` is that of the masks.
+        """
+        hidden = self._hidden(scale, first) if any(source.in_front for source in self.cameras) else repeat(None)
+        for place, (views, in_front) in enumerate(zip(masks, hidden, strict=False), first):
             frame = self.frames[place : place + 1]
             late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps  # (camera,) [s]
-            yield Observation.from_masks(views, late if late.any() else None)
+            yield Observation.from_masks(views, late if late.any() else None, in_front)
+
+    def _hidden(self, scale: float, first: int) -> Iterator[list[np.ndarray]]:
+        """Per camera (height, width) bool, what may be in front of the person, of all frames from ``first`` on."""
+        frames, sizes = self._numbers(first, None), self.rig(scale).size
+        streams = [
+            self._raw_masks(k, scale, frames, source.in_front) if source.in_front else repeat(None, len(frames))
+            for k, source in enumerate(self.cameras)
+        ]
+        for views in zip(*streams, strict=True):
+            empty = (np.zeros((height, width), bool) for width, height in sizes)
+            yield [nothing if view is None else view for view, nothing in zip(views, empty, strict=True)]
 
     def masks(
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
@@ -278,11 +336,13 @@ class Scene:
                 if frame in wanted:
                     yield repair_masks(rig, kept) if self.foreground.repair else kept
 
-    def _raw_masks(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
+    def _raw_masks(
+        self, k: int, scale: float, frames: range, labels: tuple[int, ...] = ()
+    ) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
         source = self.cameras[k]
         if self.foreground.source == "masks":
-            make = self.mask_maker(k, scale)
+            make = self.mask_maker(k, scale, labels)
             for image in frames_by_number(source.masks, map(source.mask_number, frames)):
                 yield None if image is None else make(image)
             return
@@ -290,8 +350,10 @@ class Scene:
             raise InputError(self.path, "its masks are not made yet", "make them with mmocap mask, and track these")
         yield from self._subtracted_once(k, scale, frames)
 
-    def mask_maker(self, k: int, scale: float = 1.0) -> Callable[[Any], np.ndarray]:
+    def mask_maker(self, k: int, scale: float = 1.0, labels: tuple[int, ...] = ()) -> Callable[[Any], np.ndarray]:
         """What makes masks of camera ``k``'s images: (height, width) bool, undistorted but as read or subtracted.
+
+        Given masks show the objects of ``labels``; without any, who is tracked, or everybody where nobody is chosen.
 
         Raises:
             InputError: a background that turns out unreadable.
@@ -299,8 +361,14 @@ class Scene:
         source, mark, settings = self.cameras[k], self.cameras[k].mask_mark, self.foreground
         if settings.source == "masks":
             resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
-            identity, soft = settings.identity, source.masks is not None and source.masks.soft
-            return lambda image: resample.mask(decode_mask(image, identity, soft))
+            soft = source.masks is not None and source.masks.soft
+            everybody = () if self.person else tuple(person.labels[k] for person in self.people.values())
+            labels = labels or everybody or (source.label or settings.identity,)
+            return lambda image: resample.mask(
+                np.logical_or.reduce([decode_mask(image, label, soft) for label in labels])
+                if len(labels) > 1
+                else decode_mask(image, labels[0], soft)
+            )
         to_pinhole, examples = self._undistortion(k, scale), source.background_examples(settings.source)
         images = (to_pinhole.image(as_colour(image)) for image in examples.read())
         background = learn_background(images, len(examples), settings)

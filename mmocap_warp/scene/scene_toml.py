@@ -21,7 +21,8 @@ from mmocap_warp.masks.mask_settings import BACKGROUNDS, GIVEN, KEEP, MODELS, SO
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.kept_masks import MARK_NAME, MaskMark, calibration_hash
-from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
+from mmocap_warp.scene.label_tables import read_people, take_body, take_file, with_labels
+from mmocap_warp.scene.recording import CameraSource, Person, Scene, recorded_frames
 
 _WAYS_TO_MASKS = (
     "add masks, got in one of three ways: mmocap mask SCENE --with mediapipe (or another program, such as rembg or "
@@ -75,7 +76,9 @@ def load_scene(
     file = load_toml(path)
     # The file's tables; an unknown one is reported before anything else.
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
-    foreground = _read_foreground(file.take_table("foreground"), identity, source)
+    labels, people = file.take_table("labels"), file.take_table("people").take_tables()
+    labelled = bool(people) or labels.has("person")
+    foreground = _read_foreground(file.take_table("foreground"), identity, source, labelled)
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     attached = take_attachments(file, path.parent)
     file.finish()
@@ -87,9 +90,7 @@ def load_scene(
         raise about.error(f"fps = {stated_fps:g} is not a frame rate", "give the frames per second of the recording")
     states_up, up = about.has("up"), about.take_choice("up", UP_AXES, "+z")
     named_frames = _take_frames(about)
-    body = about.take("body", str, None)
-    body_is_file = body is not None and Path(body).suffix in (".usd", ".usda", ".usdc")
-    subject = _take_file(about, "subject", path)
+    body, subject = take_body(about, path), take_file(about, "subject", path)
     about.finish()
 
     # [cameras]: the calibration, and each camera's images.
@@ -102,6 +103,7 @@ def load_scene(
     tables = cameras.take_tables()
     fps = fastest(tables, path, about) if stated_fps is None else stated_fps
     sources, rig = read_cameras(cameras, tables, path, calibration, units, up, fps, calibrated)
+    sources = with_labels(sources, labels, foreground)
     # What the tables name must fit together.
     if states_up and rig.up != up:
         raise about.error(f'up = "{up}", but {named_calibration} says {rig.up}', "leave up out, or correct one of them")
@@ -111,8 +113,9 @@ def load_scene(
     elif source == "subtraction" and foreground.source == "recording":
         kinds = (kind for kind in BACKGROUNDS if all(getattr(each, need) for each in sources for need in _IMAGES[kind]))
         foreground = replace(foreground, source=next(kinds, "recording"))
+    named_people = read_people(people, sources, foreground, path)
     needs = [each for each in _IMAGES[foreground.source] if not (live and each in ("video", "masks"))] if masks else []
-    _check_sources(sources, rig, foreground, cameras, needs, undistorted_with=calibration is not None)
+    _check_sources(sources, rig, foreground, cameras, named_people, needs, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
         path=path,
@@ -123,8 +126,8 @@ def load_scene(
         cameras=sources,
         foreground=foreground,
         subject=subject,
-        body=_existing(path.parent / body, about) if body is not None and body_is_file else body,
-        truth=_take_file(truth, "file", path),
+        body=body,
+        truth=take_file(truth, "file", path),
         truth_axes=truth.take("axes", str, "xyz"),
         track=track,
         fit=fit,
@@ -134,20 +137,10 @@ def load_scene(
         units=units,
         named_frames=named,
         attached=attached,
+        people=named_people,
     )
     truth.finish()
     return scene
-
-
-def _existing(path: Path, table: Table) -> Path:
-    if not os.path.isfile(path):
-        raise table.error(f"{path} does not exist", "check the path; it is relative to the scene file")
-    return path
-
-
-def _take_file(table: Table, key: str, scene: Path) -> Path | None:
-    value = table.take(key, str, None)
-    return None if value is None else _existing(scene.parent / value, table)
 
 
 def _take_frames(table: Table) -> FrameChoice:
@@ -159,13 +152,17 @@ def _take_frames(table: Table) -> FrameChoice:
         raise table.error(str(error), 'give a count, "first:end" or "first:end:stride"') from None
 
 
-def _read_foreground(table: Table, identity: int | None, source: str | None) -> ForegroundSettings:
+def _read_foreground(
+    table: Table, identity: int | None, source: str | None, labelled: bool = False
+) -> ForegroundSettings:
     stated = table.take_choice("source", SOURCES, "masks")
     if source == "subtraction":
         source = stated if stated in BACKGROUNDS else "recording"
     source = source or stated
     has_identities = source in ("masks", "program")
     default = replace(GIVEN if has_identities else SUBTRACTED, source=source)
+    if labelled:  # then all pieces that have a person's label are that person's
+        default = replace(default, keep="all")
     values: dict[str, Any] = {
         "model": table.take_choice("model", MODELS, default.model),
         "keep": table.take_choice("keep", KEEP, default.keep),
@@ -189,6 +186,7 @@ def _check_sources(
     rig: CameraRig,
     foreground: ForegroundSettings,
     table: Table,
+    people: dict[str, Person],
     needs: list[str],
     undistorted_with: bool,
 ) -> None:
@@ -209,8 +207,15 @@ def _check_sources(
         # and masks that can be of this subject.
         if source.masks is not None and source.mask_mark is not None and undistorted_with:
             _check_undistorted(source.masks, source.mask_mark, source, rig, k)
-        if foreground.source == "masks" and source.masks is not None:
-            _check_masks(source.masks, foreground.identity)
+        if foreground.source == "masks" and source.masks is not None and not people:
+            _check_masks(source.masks, source.label or foreground.identity)
+
+    for name, person in people.items() if "masks" in needs else ():
+        of_views = [(source.masks, person.labels[k]) for k, source in enumerate(sources) if source.masks is not None]
+        shown = [decode_mask(image, label).any() for masks, label in of_views for image in masks.sample(_SAMPLES)]
+        if not any(shown):
+            where = f"{table.source}: [people.{name}]"
+            raise InputError(where, f"no mask shows label {person.labels[0]}", "give that of the person in the masks")
 
 
 def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, where: str) -> None:

@@ -136,6 +136,15 @@ class Objective:
         for upload, values in ((self._observed, observation.words), (self._foreground, observation.foreground)):
             upload.values[...] = values
             upload.send(len(values))
+        if observation.hidden is not None or views.hidden.size:
+            if not views.hidden.size:
+                views.hidden = wp.zeros_like(views.observed)
+            views.hidden.assign(observation.possible & ~observation.words)
+
+    @property
+    def addresses(self) -> tuple[int | None, ...]:
+        """Of arrays that are made anew when more room is needed: a graph holds them."""
+        return (self._silhouettes.views.hidden.ptr,)
 
     def prepare(self, runs: int, index: np.ndarray) -> None:
         """Allocate what :meth:`hold` needs for so many runs and these coordinates."""

@@ -1,12 +1,13 @@
 """What makes a recording harder: fewer cameras, fewer frames, a wrong calibration, bystanders, parts cut away.
 
 Each takes a clip as a tracker is given it and gives it back made worse; the masks are changed as they are asked for.
-They are named as in ``views=3``; several are joined by ``+``.
+They are named as in ``views=3``; several are joined by ``+``. With ``labelled``, who or what gets in the way has a
+label of its own, as in label images: it is no foreground, but may hide the subject.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, islice
 from pathlib import Path
@@ -14,10 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.formats.truth_file import write_truth
+from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.study.sequences import StudySequence
 from mmocap_warp.study.source import OpenClip, open_sequence
-from mmocap_warp.synthesis.bystanders import PasserBy, furniture
+from mmocap_warp.synthesis.bystanders import PasserBy, furniture, furniture_place
+from mmocap_warp.synthesis.footage.together import Together, places, shifted_truth
 from mmocap_warp.synthesis.writing import Progress, write_made_scene
 
 NONE = "none"
@@ -35,10 +39,14 @@ def fewer_views(clip: OpenClip, count: int) -> OpenClip:
     """The ``count`` cameras whose directions of view differ most; opposite directions count as alike."""
     rig = clip.rig
     chosen = most_different_views(rig, count)
-    observations = (
-        Observation.from_masks([masks[k] for k in chosen], None if late is None else late[list(chosen)])
-        for masks, late in ((unpack_masks(seen.words, rig.size), seen.late) for seen in clip.observations)
-    )
+
+    def of_chosen(seen: Observation) -> Observation:
+        masks, hidden = unpack_masks(seen.words, rig.size), seen.unpacked_hidden(rig.size)
+        late = None if seen.late is None else seen.late[list(chosen)]
+        in_front = None if hidden is None else [hidden[k] for k in chosen]
+        return Observation.from_masks([masks[k] for k in chosen], late, in_front)
+
+    observations = map(of_chosen, clip.observations)
     return replace(clip, rig=rig.select(tuple(rig.names[k] for k in chosen)), observations=observations)
 
 
@@ -84,26 +92,29 @@ def wrong_calibration(clip: OpenClip, pixels: float, seed: int) -> OpenClip:
     return replace(clip, rig=replace(clip.rig, K=K))
 
 
-def passed_by(clip: OpenClip) -> OpenClip:
+def passed_by(clip: OpenClip, labelled: bool = False) -> OpenClip:
     """Another person walks by, nearest in the middle of the clip, and is taken for foreground."""
     other = PasserBy(clip.rig, *_clear_circle(clip))
-    return _with_others(clip, lambda frame: other.silhouettes((frame - clip.frames / 2) / clip.fps))
+    times = (np.arange(clip.frames) - clip.frames / 2) / clip.fps
+    return _with_others(clip, lambda frame: other.silhouettes(times[frame]), lambda f: other.place(times[f]), labelled)
 
 
-def furnished(clip: OpenClip) -> OpenClip:
+def furnished(clip: OpenClip, labelled: bool = False) -> OpenClip:
     """A chest stands there that the background was taken without: it is foreground in every frame."""
-    chest = furniture(clip.rig, *_clear_circle(clip))
-    return _with_others(clip, lambda _: chest)
+    circle = _clear_circle(clip)
+    chest, place = furniture(clip.rig, *circle), furniture_place(clip.rig, *circle)
+    return _with_others(clip, lambda _: chest, lambda _: place, labelled)
 
 
-def cut_out(clip: OpenClip, views: int) -> OpenClip:
+def cut_out(clip: OpenClip, views: int, labelled: bool = False) -> OpenClip:
     """For half a second in the middle, a block about the person's middle is missing in the first ``views`` views.
 
     It stays where it is, and is half as wide and as high as the person stands when it begins.
     """
     half, blocks = round(_CUT_SECONDS / 2 * clip.fps), {}
 
-    def cut(frame: int, masks: Masks) -> Masks:
+    def cut(frame: int, masks: Masks) -> tuple[Masks, Masks | None]:
+        hidden = [np.zeros_like(mask) for mask in masks] if labelled else None
         for k, mask in enumerate(masks[:views] if -half <= frame - clip.frames // 2 < half else ()):
             if k not in blocks and mask.any():
                 rows, columns = np.nonzero(mask)
@@ -112,21 +123,27 @@ def cut_out(clip: OpenClip, views: int) -> OpenClip:
                 blocks[k] = np.s_[max(row - reach, 0) : row + reach, max(column - reach, 0) : column + reach]
             if k in blocks:
                 mask[blocks[k]] = False
-        return masks
+                if hidden is not None:
+                    hidden[k][blocks[k]] = True
+        return masks, hidden
 
     return _with_masks(clip, cut)
 
 
-Step = Callable[[OpenClip, float, int], OpenClip]
-"""From a clip, an amount and a seed."""
+Step = Callable[[OpenClip, float, int, bool], OpenClip]
+"""From a clip, an amount, a seed, and whether what is in the way is labelled."""
 
 _STEPS: dict[str, tuple[Step, str]] = {  # in the order in which they are done, with what stands for the amount
-    "passer-by": (lambda clip, amount, seed: passed_by(clip), ""),
-    "furniture": (lambda clip, amount, seed: furnished(clip), ""),
-    "fps": (lambda clip, amount, seed: fewer_frames(clip, amount), "RATE"),
-    "views": (lambda clip, amount, seed: fewer_views(clip, round(amount)), "COUNT"),
-    "cut": (lambda clip, amount, seed: cut_out(clip, min(round(min(amount, 1e6)), len(clip.rig))), "VIEWS"),
-    "calibration": (lambda clip, amount, seed: wrong_calibration(clip, amount, seed), "PIXELS"),
+    "passer-by": (lambda clip, amount, seed, labelled: passed_by(clip, labelled), ""),
+    "furniture": (lambda clip, amount, seed, labelled: furnished(clip, labelled), ""),
+    "fps": (lambda clip, amount, seed, labelled: fewer_frames(clip, amount), "RATE"),
+    "views": (lambda clip, amount, seed, labelled: fewer_views(clip, round(amount)), "COUNT"),
+    "cut": (
+        lambda clip, amount, seed, labelled: cut_out(clip, min(round(min(amount, 1e6)), len(clip.rig)), labelled),
+        "VIEWS",
+    ),
+    "calibration": (lambda clip, amount, seed, labelled: wrong_calibration(clip, amount, seed), "PIXELS"),
+    "labelled": (lambda clip, amount, seed, labelled: clip, ""),
 }
 
 FORMS: tuple[str, ...] = tuple(f"{name}={amount}" if amount else name for name, (_, amount) in _STEPS.items())
@@ -171,31 +188,56 @@ def degraded(clip: OpenClip, text: str, seed: int) -> OpenClip:
     amounts = parse(text)
     for name, (step, _) in _STEPS.items():
         if name in amounts:
-            clip = step(clip, amounts[name], seed)
+            clip = step(clip, amounts[name], seed, "labelled" in amounts)
     return clip
 
 
-def _with_masks(clip: OpenClip, change: Callable[[int, Masks], Masks]) -> OpenClip:
-    """The clip whose masks are changed, frame by frame; what is changed may be the masks given."""
-    seen = (
-        Observation.from_masks(change(frame, unpack_masks(seen.words, clip.rig.size)), seen.late)
-        for frame, seen in enumerate(clip.observations)
-    )
-    return replace(clip, observations=seen)
+def _with_masks(clip: OpenClip, change: Callable[[int, Masks], tuple[Masks, Masks | None]]) -> OpenClip:
+    """The clip whose masks are changed, frame by frame; what is changed may be the masks given.
+
+    ``change`` gives masks, and what else may be in front of the person.
+    """
+
+    def changed(observations: Iterator[Observation]) -> Iterator[Observation]:
+        for frame, seen in enumerate(observations):
+            masks, added = change(frame, unpack_masks(seen.words, clip.rig.size))
+            hidden = seen.unpacked_hidden(clip.rig.size)
+            if added is not None and hidden is not None:
+                added = [one | other for one, other in zip(added, hidden, strict=True)]
+            yield Observation.from_masks(masks, seen.late, hidden if added is None else added)
+
+    return replace(clip, observations=changed(clip.observations))
 
 
-def _with_others(clip: OpenClip, others: Callable[[int], Masks]) -> OpenClip:
-    """The clip in whose frames others are foreground, too."""
-    return _with_masks(clip, lambda frame, masks: [a | b for a, b in zip(masks, others(frame), strict=True)])
+def _with_others(
+    clip: OpenClip, others: Callable[[int], Masks], place: Callable[[int], np.ndarray], labelled: bool
+) -> OpenClip:
+    """The clip in whose frames others, who are in a place (3,) [m], are foreground, too, or labelled as things."""
+    root, ahead = _roots(clip), clip.rig.R[:, 2]
+
+    def joined(frame: int, masks: Masks) -> tuple[Masks, Masks | None]:
+        if not labelled:
+            return [mask | other for mask, other in zip(masks, others(frame), strict=True)], None
+        # A pixel that shows both has the label of who is nearer.
+        nearer = ahead @ (place(frame) - root[min(frame, len(root) - 1)]) < 0
+        views = zip(masks, others(frame), nearer, strict=True)
+        own = [mask & ~(other & in_front) for mask, other, in_front in views]
+        return own, others(frame)
+
+    return _with_masks(clip, joined)
+
+
+def _roots(clip: OpenClip) -> np.ndarray:
+    """(frame, 3) where the person is [m], of the first frame alone where no more is known."""
+    joint = clip.subject.body.skeleton.joints[0]
+    if clip.truth is not None and joint in clip.truth.joint_names:
+        return clip.truth.joints[:, clip.truth.joint_names.index(joint)]
+    return clip.subject.pose[None, :3]
 
 
 def _clear_circle(clip: OpenClip) -> tuple[np.ndarray, float]:
     """The middle (3,) of the floor that is walked over, and the radius that bystanders keep from it [m]."""
-    root = clip.subject.pose[None, :3]
-    joint = clip.subject.body.skeleton.joints[0]
-    if clip.truth is not None and joint in clip.truth.joint_names:
-        root = clip.truth.joints[:, clip.truth.joint_names.index(joint)]
-    up = clip.rig.up_vector
+    root, up = _roots(clip), clip.rig.up_vector
     floor = root - np.outer(root @ up, up)
     middle = (np.nanmin(floor, axis=0) + np.nanmax(floor, axis=0)) / 2
     return middle, float(np.nanmax(np.linalg.norm(floor - middle, axis=1))) + _APART
@@ -209,6 +251,13 @@ _FOREGROUND = """\
 source = "masks"
 keep = "all"
 """
+
+_LABELS = """
+[labels]
+person = 1
+thing = 2
+"""
+_THING = 2
 
 
 def write_sequence(
@@ -229,32 +278,67 @@ def write_sequence(
         InputError: a folder that cannot be written to.
         ValueError: a degradation that means nothing to this sequence.
     """
+    labelled = "labelled" in parse(degradation)
     worse = degraded(open_sequence(sequence), degradation, seed)
     about = f"{sequence.name} of the study's shipped sequences, made up with known truth."
     if degradation != NONE:
         about += f" Made worse: {degradation}, seed {seed}."
     return write_made_scene(
         Path(folder),
-        _Streamed(worse),
+        _Streamed(worse, labelled),
         worse.truth or sequence.truth,
         name=sequence.name,
         about=about,
-        foreground=_FOREGROUND,
+        foreground=_FOREGROUND + (_LABELS if labelled else ""),
         subject=sequence.subject,
         progress=progress,
     )
 
 
+def write_people(folder: Path, sequences: Sequence[StudySequence], progress: Progress | None = None) -> Path:
+    """Write sequences of one length and of different people as one scene, whose masks are label images.
+
+    People are named as in the sequences' names, and come as near to each other as
+    :data:`~mmocap_warp.synthesis.footage.together.APART`. Each has a subject, which tracking starts from, and a truth.
+
+    Returns:
+        Path of ``scene.toml``.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+    """
+    shifts = places([sequence.recording.poses[:, :2] for sequence in sequences])
+    tables = ""
+    folder.mkdir(parents=True, exist_ok=True)
+    for label, (sequence, shift) in enumerate(zip(sequences, shifts, strict=True), 1):
+        name, pose = sequence.name.split("/")[0], sequence.subject.pose.copy()
+        pose[:2] += shift
+        write_subject(folder / f"{name}.subject.usdc", replace(sequence.subject, pose=pose))
+        write_truth(folder / f"{name}.truth.usdc", shifted_truth(sequence.truth, shift), sequence.rig.up)
+        files = f'subject = "{name}.subject.usdc"\ntruth = "{name}.truth.usdc"'
+        tables += f"\n[people.{name}]\nlabel = {label}\n{files}\n"
+    names = " and ".join(sequence.name for sequence in sequences)
+    about = f"{names} of the study's shipped sequences in one room, made up with known truth."
+    together = Together.of([sequence.recording for sequence in sequences], shifts)
+    foreground = _FOREGROUND + tables
+    return write_made_scene(folder, together, None, name=names, about=about, foreground=foreground, progress=progress)
+
+
 class _Streamed:
     """A clip as footage."""
 
-    def __init__(self, clip: OpenClip) -> None:
-        self._clip = clip
+    def __init__(self, clip: OpenClip, labelled: bool) -> None:
+        self._clip, self._labelled = clip, labelled
         self.fps, self.rig = clip.fps, clip.rig
 
     def __len__(self) -> int:
         return self._clip.frames
 
     def masks(self, frame: int) -> list[np.ndarray]:
-        """Per camera (height, width) bool, of the next frame."""
-        return unpack_masks(next(self._clip.observations).words, self.rig.size)
+        """Per camera (height, width) bool, of the next frame; labels where something may be in front."""
+        seen = next(self._clip.observations)
+        masks, hidden = unpack_masks(seen.words, self.rig.size), seen.unpacked_hidden(self.rig.size)
+        if not self._labelled:
+            return masks
+        hidden = hidden or [np.zeros_like(mask) for mask in masks]
+        return [mask + np.uint8(_THING) * other for mask, other in zip(masks, hidden, strict=True)]

@@ -37,16 +37,27 @@ class PasserBy:
 
     def silhouettes(self, time: float) -> list[np.ndarray]:
         """Per camera (height, width) bool, at a time [s]; empty where the person is not near."""
-        # The pose lies on the line between two stored ones.
+        pose = self._pose(time)
+        if abs(pose[2]) > _HALF_WAY:
+            return [np.zeros((height, width), bool) for width, height in self._rig.size]
+        pose[:3] = self._placed(pose)
+        return _silhouettes_before(self._rig, self._poser.vertices(pose[None])[0], self._surface)
+
+    def place(self, time: float) -> np.ndarray:
+        """(3,) where the person's root is, at a time [s]."""
+        return self._placed(self._pose(time))
+
+    def _pose(self, time: float) -> np.ndarray:
+        """(coordinate,) on the line between two stored poses."""
         at = round(PASSER_BY_RATE * time, 9) + len(self._way) // 2
         before = min(max(int(at), 0), len(self._way) - 2)
         pose, after = self._way[before : before + 2]
-        poses = (pose + (at - before) * (after - pose))[None]
-        if abs(poses[0, 2]) > _HALF_WAY:
-            return [np.zeros((height, width), bool) for width, height in self._rig.size]
-        poses[:, 0] += self._aside
-        poses[:, :3] = poses[:, :3] @ self._base.T + self._middle
-        return _silhouettes_before(self._rig, self._poser.vertices(poses)[0], self._surface)
+        between: np.ndarray = pose + (at - before) * (after - pose)
+        return between
+
+    def _placed(self, pose: np.ndarray) -> np.ndarray:
+        placed: np.ndarray = (pose[:3] + np.array([self._aside, 0.0, 0.0])) @ self._base.T + self._middle
+        return placed
 
 
 def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarray]:
@@ -56,6 +67,11 @@ def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarr
     digits = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
     corners = ((digits - (0.5, 0.0, 0.5)) * _SIZE + np.array([0.0, 0.0, aside])) @ turned.T + middle
     return _silhouettes_before(rig, corners, Surface.of(_BOX))
+
+
+def furniture_place(rig: CameraRig, middle: np.ndarray, aside: float) -> np.ndarray:
+    """(3,) where that chest stands [m]."""
+    return middle + aside * (upright_base(rig.up) @ heading_rotation(_BEARING))[:, 2]
 
 
 def _silhouettes_before(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:

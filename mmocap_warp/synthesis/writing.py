@@ -24,10 +24,7 @@ _SCENE = """\
 name = "{name}"
 fps = {fps:g}
 up = "{up}"
-{starts}
-[truth]
-file = "truth.usdc"
-
+{starts}{truth}
 [cameras]
 calibration = "calibration.toml"
 {cameras}
@@ -60,7 +57,7 @@ class Footage(Protocol):
         """How many frames."""
 
     def masks(self, frame: int) -> list[np.ndarray]:
-        """Per camera (height, width) bool; each frame is asked for once, in order."""
+        """Per camera (height, width) bool, or uint8 labels; each frame is asked for once, in order."""
 
 
 Progress = Callable[[int, int], None]
@@ -70,7 +67,7 @@ Progress = Callable[[int, int], None]
 def write_made_scene(
     folder: Path,
     footage: Footage,
-    truth: Truth,
+    truth: Truth | None,
     *,
     name: str,
     about: str,
@@ -79,17 +76,17 @@ def write_made_scene(
     body: Path | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Write ``masks/<camera>/<frame>.png`` (1 bit), ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``.
+    """Write ``masks/<camera>/<frame>.png``, ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``.
 
     Files of the same names are replaced.
 
     Args:
         folder: made if it does not exist, with the folders above it.
         footage: what to write.
-        truth: of it.
+        truth: of it; None where the scene file's end names those of several people.
         name: of the scene.
         about: what it is, for the scene file's first line.
-        foreground: the scene file's table of that name.
+        foreground: the scene file's table of that name, and what else ends it.
         subject: where tracking starts; written as ``subject.usdc`` if given.
         body: the file of the body that a fit starts from; copied as ``body`` with its ending if given.
         progress: called after each frame.
@@ -102,7 +99,8 @@ def write_made_scene(
     """
     _write_masks(folder, footage, progress)
     write_toml_rig(folder / "calibration.toml", footage.rig)
-    write_truth(folder / "truth.usdc", truth, footage.rig.up)
+    if truth is not None:
+        write_truth(folder / "truth.usdc", truth, footage.rig.up)
     if subject is not None:
         write_subject(folder / "subject.usdc", subject)
     named = {} if subject is None else {"subject": "subject.usdc"}
@@ -114,6 +112,7 @@ def write_made_scene(
         name=name,
         fps=footage.fps,
         up=footage.rig.up,
+        truth="" if truth is None else '\n[truth]\nfile = "truth.usdc"\n',
         starts="".join(f'{key} = "{file}"\n' for key, file in named.items()),
         cameras="".join(f'\n[cameras.{name}]\nmasks = "masks/{name}"\n' for name in footage.rig.names),
         foreground=foreground,

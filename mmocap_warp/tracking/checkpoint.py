@@ -59,6 +59,8 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
     # Any of these give the same bits; cameras count as they are tracked with.
     del settings["threads"], settings["renderer"], settings["cameras"]
     placed = [(camera.recorded_scale, camera.recorded_offset, camera.mask_mark) for camera in scene.cameras]
+    labels = [(camera.label, camera.in_front) for camera in scene.cameras]
+    labelled = {"labels": _digest(labels)} if any(label or others for label, others in labels) else {}
     return {
         "version": __version__,
         "code": code_hash("tracking.frame_loop"),
@@ -70,6 +72,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
         "body": _digest(subject.body),
         "first pose": _digest([subject.root_base, subject.pose]),
         **settings,
+        **labelled,
         **{f"foreground.{name}": value for name, value in asdict(scene.foreground).items()},
     }
 

@@ -299,7 +299,7 @@ class ContourTracker:
         if fitter.late:
             fitter.follow(np.repeat(self._state.pose, count, axis=0), home, self._fps)
         fitter.start_at(starts.reshape(total, coordinates), home, np.zeros(total, int))
-        kind = (total, steps, judged, fitter.fields.struct.value.ptr, fitter.follows)
+        kind = (total, steps, judged, fitter.fields.addresses, self._judge.addresses, fitter.follows)
         self._replays.run(kind, lambda: self._launch_fit(total, steps, judged))
 
     def _launch_fit(self, total: int, steps: int, judged: bool) -> None:

@@ -168,7 +168,9 @@ def track(
         # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
         # no room for, are read again.
         def masks() -> Iterable[Observation]:
-            return read_ahead(kept if len(kept) == len(answers) else scene.observed(tracked_masks(scene, result)))
+            return read_ahead(
+                kept if len(kept) == len(answers) else scene.observed(tracked_masks(scene, result), config.scale)
+            )
 
         return _finished(result, config, masks, smooth_progress)
 

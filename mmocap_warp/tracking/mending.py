@@ -118,7 +118,7 @@ def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> lis
     frozen = result.config.get("frozen_views", {})
     numbers, names = result.frame_numbers[list(positions)].tolist(), result.cameras.names
     part = scene.of_frames(range(numbers[0], numbers[-1] + 1, numbers[1] - numbers[0]))
-    seen = part.observed(tracked_masks(scene, result, positions))
+    seen = part.observed(tracked_masks(scene, result, positions), float(result.config.get("scale", 1.0)))
     left_out = [np.array([number in frozen.get(name, ()) for name in names]) for number in numbers]
     return [each.without(views) for each, views in zip(seen, left_out, strict=True)]
 

@@ -91,6 +91,7 @@ class UncoveredArea:
             Sight,
             "cpu",
             word=(0, 0, 0),
+            possible=(0, 0, 0),
             size=rig.size.astype(np.int32),
             turn=self._lens[0],
             shift=self._lens[1],
@@ -103,7 +104,8 @@ class UncoveredArea:
 
     def of(self, poses: np.ndarray, observation: Observation) -> list[Uncovered]:
         """The area beside poses (n, coordinate), each by itself."""
-        self._sight.word = wp.array(np.ascontiguousarray(observation.words), dtype=wp.uint32, device="cpu", copy=False)
+        masks = (np.ascontiguousarray(words) for words in (observation.words, observation.possible))
+        self._sight.word, self._sight.possible = (wp.array(a, dtype=wp.uint32, device="cpu", copy=False) for a in masks)
         return [self._beside_skin(skin, observation) for skin in self._poser.vertices(poses).astype(float)]
 
     def _beside_skin(self, skin: np.ndarray, observation: Observation) -> Uncovered:

@@ -222,3 +222,29 @@ def test_wrong_use_is_refused():
             objective.evaluate(candidates)
     with pytest.raises(ValueError, match="masks are packed as"):
         objective.observe(Observation.from_masks([np.ones((120, 160), bool)]))
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_pixels_that_may_hide_the_subject_count_nowhere(device, renderer):
+    """Also where the resting piece is drawn once; a frame in which nothing is in front counts all pixels again."""
+    subject, rig = synthetic_subject(), indoor_rig()
+    rng = np.random.default_rng(1)
+    masks, hidden = ([rng.random((h, w)) < share for w, h in ODD_SIZES] for share in (0.3, 0.4))
+    index, poses = np.arange(3, 9), random_poses(4)
+    poses[:, np.setdiff1d(np.arange(poses.shape[1]), index)] = poses[0, np.setdiff1d(np.arange(poses.shape[1]), index)]
+    objective = objective_of(subject, rig, 4, renderer=renderer, device=device)
+    objective.prepare(1, index)
+    base = wp.array(poses[:1], dtype=wp.float32, device=device)
+    for in_front in (hidden, None):
+        objective.observe(Observation.from_masks(masks, None, in_front))
+        counted = [np.ones_like(mask) for mask in masks]
+        if in_front is not None:
+            counted = [~there | mask for there, mask in zip(in_front, masks, strict=True)]
+        for holds in (False, True):
+            if holds:
+                objective.hold(base, index)
+            found = costs(objective, poses)
+            for c, pose in enumerate(poses):
+                models = perfect_masks(subject, rig, pose, device)
+                models = [model & counts for model, counts in zip(models, counted, strict=True)]
+                assert found[c] == pytest.approx(reference.paper_cost(models, masks), abs=FLOAT32)

@@ -137,6 +137,51 @@ def test_a_block_is_cut_out_of_some_views_for_half_a_second(clip, whole, text, v
     assert 0.4 < share < 0.95
 
 
+@pytest.mark.parametrize(
+    "text",
+    [*(pytest.param(way, marks=pytest.mark.nightly) for way in ("cut=all", "furniture", "passer-by")), "cut=2+views=3"],
+)
+def test_what_is_labelled_is_no_foreground_but_may_hide(clip, whole, text):
+    """Where the same without labels changes the masks, labels say so; what is nearer than the person takes pixels."""
+    plain, _ = worse(clip, text)
+    changed = degraded(replace(clip, observations=iter(clip.observations)), f"{text}+labelled", 0)
+    chosen = [clip.rig.names.index(name) for name in plain.rig.names]
+    seen = list(changed.observations)
+    own = np.array([unpack_masks(each.words, changed.rig.size) for each in seen])
+    none = np.zeros_like(own[0])
+    hidden = np.array([none if each.hidden is None else each.unpacked_hidden(changed.rig.size) for each in seen])
+    unlabelled = worse(clip, text)[1]
+    before = whole[:, chosen]
+    assert not (own & ~before).any()
+    assert not (own & hidden).any()
+    near = hidden.any(axis=(2, 3))  # elsewhere it is too far from the person to hide anything
+    lost = before & ~own & ~hidden
+    assert not lost[near].any()
+    assert lost[own.any(axis=(2, 3))].sum(axis=(1, 2)).max() < 100  # specks of the masks, or all that a view shows
+    assert not ((unlabelled ^ before) & ~hidden)[near].any()
+    assert hidden.any()
+
+
+def test_people_together_hide_one_another_and_keep_apart(tmp_path):
+    folder = tmp_path / "two"
+    flags = ["--sequence", "S1/Walking", "--sequence", "S2/Walking", "--together", "--frames", "2"]
+    assert main(["study", "make", str(folder), *flags]) == 0
+    scene = load_scene(folder)
+    places = []
+    for name in ("S1", "S2"):
+        of_one = scene.of_person(name)
+        truth = load_truth(of_one.truth)
+        places.append(truth.joints[:, 0, :2])
+        seen = next(iter(of_one.observations()))
+        assert (seen.foreground > 500).all()
+        joints = truth.joints[0] @ scene.calibrated.R[0].T + scene.calibrated.t[0]
+        pixels = np.rint((joints @ scene.calibrated.K[0].T)[:, :2] / joints[:, 2:]).astype(int)
+        shown = unpack_masks(seen.possible, scene.calibrated.size)[0]
+        assert shown[pixels[:, 1].clip(0, 479), pixels[:, 0].clip(0, 639)].mean() > 0.8
+    assert np.linalg.norm(places[0] - places[1], axis=1).min() >= 0.69
+    assert main(["study", "make", str(folder), *flags[:2], "--together", "--force"]) == 2
+
+
 def test_several_are_done_in_one_order(clip):
     a, ours = worse(clip, "views=2+fps=15+calibration=2+cut=1")
     b, theirs = worse(clip, "calibration=2+cut=1+fps=15+views=2")

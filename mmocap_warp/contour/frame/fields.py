@@ -56,7 +56,9 @@ class DistanceFields:
     def __init__(self, rig: CameraRig, frames: int, candidates: int, device: str) -> None:
         self._rig, self._device = rig, device
         view = (frames, len(rig))
-        self.struct = allocated(Fields, device, value=1, box=view, start=view, frame=candidates, larger=len(rig))
+        self.struct = allocated(
+            Fields, device, value=1, box=view, start=view, frame=candidates, larger=len(rig), hidden=(0, 0, 0, 0)
+        )
         self._scratch = block.scratch(device)
         self._workings = allocated(Workings, device, room=0, **dict.fromkeys(_WORKINGS, 0))
         self._allocate(1)
@@ -77,6 +79,7 @@ class DistanceFields:
             self._observe(observations[begin : begin + together], first + begin)
 
     def _observe(self, observations: Sequence[Observation], first: int) -> None:
+        self._observe_hidden(observations, first)
         frames = len(observations)
         if frames != len(self._boxes):
             self._allocate(frames)
@@ -85,7 +88,7 @@ class DistanceFields:
             self._masks.place.assign(np.arange(first, first + frames, dtype=np.int32))
         words, foreground = self._word.values, self._foreground.values
         for number, observation in enumerate(observations):
-            words[number] = observation.words
+            words[number] = observation.possible
             foreground[number] = observation.foreground
         self._word.send(frames)
         self._foreground.send(frames)
@@ -97,6 +100,23 @@ class DistanceFields:
         room = int(pixels_of(boxes[..., 2], boxes[..., 3]).sum(axis=1).max())
         self._reserve(room + room // 4 if room > self._workings.room else room, frames)
         self._measure()
+
+    def _observe_hidden(self, observations: Sequence[Observation], first: int) -> None:
+        """Say where something is in front in frames; room is made for it when there first is."""
+        fields = self.struct
+        if all(observation.hidden is None for observation in observations) and not fields.hidden.size:
+            return
+        if not fields.hidden.size:
+            shape = (fields.box.shape[0], *observations[0].words.shape)
+            fields.hidden = wp.zeros(shape, dtype=wp.uint32, device=self._device)
+        none = np.zeros_like(observations[0].words)
+        hidden = np.stack([none if each.hidden is None else each.hidden for each in observations])
+        wp.copy(fields.hidden[first : first + len(hidden)], wp.array(hidden, dtype=wp.uint32, device=self._device))
+
+    @property
+    def addresses(self) -> tuple[int | None, ...]:
+        """Of arrays that are made anew when more room is needed: a graph holds them."""
+        return self.struct.value.ptr, self.struct.hidden.ptr
 
     def _find_and_measure(self) -> None:
         self._find()

@@ -293,9 +293,9 @@ class ContourFitter:
         self._work.run(lambda batch: self._again(batch, steps, work), count)
 
     @property
-    def _baked(self) -> tuple[int, float]:
-        """What launches that are kept hold besides arrays: the fields' address changes when more room is made."""
-        return self.fields.struct.value.ptr, self.follows
+    def _baked(self) -> tuple[int | float | None, ...]:
+        """What launches that are kept hold besides arrays: the fields' addresses change when more room is made."""
+        return *self.fields.addresses, self.follows
 
     def _again(self, batch: Batch, steps: int, work: Callable[[Batch], None]) -> None:
         """Do work with a batch whose launches are the same each time."""

@@ -62,7 +62,9 @@ def rectangle(left: float, top: float, right: float, bottom: float, pieces: int 
 class Planted:
     """Residuals of polygons, one a candidate, a metre from the camera, against masks, one a frame."""
 
-    def __init__(self, polygons: list[np.ndarray], masks: list[np.ndarray], device: str, frames=None, **matching):
+    def __init__(
+        self, polygons: list[np.ndarray], masks: list[np.ndarray], device: str, frames=None, hidden=None, **matching
+    ):
         n, size = len(polygons), max(map(len, polygons))
         rig = flat_rig()
         self.outline = poisoned_outline(n, 1, size, (size, 1, 1), device, bands=1.0)
@@ -87,7 +89,8 @@ class Planted:
         self.residuals = poisoned_residuals(n, 1, size, device)
         fields = DistanceFields(rig, len(masks), n, device)
         for place, mask in enumerate(masks):
-            fields.observe([Observation.from_masks([mask])], place)
+            in_front = None if hidden is None or hidden[place] is None else [hidden[place]]
+            fields.observe([Observation.from_masks([mask], None, in_front)], place)
         fields.struct.frame.assign(np.array(frames if frames is not None else np.zeros(n), np.int32))
         views: Views = make_views(rig, device)
         settings = filled(Matching, **(MATCHING | matching))
@@ -294,3 +297,54 @@ def test_a_body_against_its_own_picture_is_nowhere_off(device):
         outside = np.pad(~mask, 1)
         sides = sum((np.roll(outside, s, a)[1:-1, 1:-1] & mask).sum() for s in (1, -1) for a in (0, 1))
         assert 0.7 < tally[1] / sides < 1.05  # stairs of pixels are longer than what they stand for
+
+
+def behind_twin(middle: np.ndarray, normal: np.ndarray, hidden: np.ndarray, way: float) -> bool:
+    """Whether a pixel of what is in front lies on the way outward, with a gap of two pixels, in float64."""
+    for step in np.arange(0.0, way + 2.0 + 1e-9):
+        column, row = np.rint(middle + step * normal).astype(int)
+        if 0 <= column < SIZE[0] and 0 <= row < SIZE[1] and hidden[row, column]:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("offset", [-6.0, -1.3, 0.6, 5.0])
+def test_an_outline_behind_something_counts_only_beyond_it(device, offset):
+    """A disc whose right side is behind a block: there an outline is held by where the block ends, from outside."""
+    whole, hidden = disc(40.0), block(170, 40, 195, 200)
+    polygon = circle(40.0 - offset)
+    planted = Planted([polygon], [whole & ~hidden], device, hidden=[hidden], huber=1.0, reach=0.1)
+    free = Planted([polygon], [whole | hidden], device, huber=1.0, reach=0.1)
+    following = np.roll(polygon, -1, axis=0)
+    middle, along = (polygon + following) / 2, following - polygon
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+    reach = 0.1 * SCALE
+    end = np.where(free.weight() > 0, free.residual(), reach)
+    behind = [e >= 0 and behind_twin(m, n, hidden, e) for m, n, e in zip(middle, normal, end, strict=True)]
+    assert 5 < np.sum(behind) < 60
+    assert (planted.weight()[behind] == 0).all()
+    assert (planted.tally()[behind] == 0).all()
+    counts = ~np.array(behind)
+    np.testing.assert_array_equal(planted.residual()[counts], free.residual()[counts])
+    np.testing.assert_array_equal(planted.tally()[counts], free.tally()[counts])
+    away = middle[:, 0] < 160
+    assert planted.residual()[away].mean() == pytest.approx(offset, abs=0.15)
+
+
+def test_an_outline_beyond_both_is_pulled_back_to_what_is_in_front(device):
+    hidden = block(150, 60, 180, 160)
+    polygon = rectangle(100.0, 79.5, 186.5, 139.5)
+    planted = Planted([polygon], [block(100, 80, 150, 140)], device, hidden=[hidden], huber=1.0, reach=0.1)
+    right = np.abs((polygon + np.roll(polygon, -1, axis=0))[:, 0] / 2 - 186.5) < 1e-6
+    np.testing.assert_allclose(planted.residual()[right], 179.5 - 186.5, atol=EXACT)
+
+
+def test_what_is_in_front_in_one_frame_is_not_in_another(device):
+    hidden = block(170, 40, 195, 200)
+    masks = [disc(40.0), disc(40.0) & ~hidden, disc(40.0)]
+    alone = Planted([circle(38.0)] * 3, masks[:1] * 3, device, frames=[0, 1, 2])
+    planted = Planted([circle(38.0)] * 3, masks, device, frames=[0, 1, 2], hidden=[None, hidden, None])
+    for c in (0, 2):
+        np.testing.assert_array_equal(planted.tally(c), alone.tally(c))
+        np.testing.assert_array_equal(planted.residual(c), alone.residual(c))
+    assert (planted.weight(1) == 0).sum() > 5

@@ -1,0 +1,102 @@
+"""Who and what label images show: the tables [labels] and [people.<name>] of a ``scene.toml``."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import Table
+from mmocap_warp.masks.mask_settings import ForegroundSettings
+from mmocap_warp.scene.recording import CameraSource, Person
+from mmocap_warp.whole_file import file_name
+
+_ROLES = ("person", "thing", "ignore")
+_NOT_GIVEN = "labels are those of given masks; these are made"
+
+
+def with_labels(
+    sources: tuple[CameraSource, ...], table: Table, foreground: ForegroundSettings
+) -> tuple[CameraSource, ...]:
+    """The cameras with the labels of who is tracked, and of what may be in front; ``table`` is [labels].
+
+    Raises:
+        InputError: labels that cannot be, or of masks that are not given.
+    """
+    if table.has("person") and foreground.identity:
+        raise table.error("person and identity both say who is tracked", "leave one of them out")
+    roles = {role: _take_labels(table, role, sources) for role in _ROLES}
+    table.finish()
+    if any(len(labels) > 1 for labels in roles["person"]):
+        raise table.error("person has several labels", "name several people in tables of their own: [people.<name>]")
+    if any(map(any, roles.values())) and foreground.source != "masks":
+        raise table.error(_NOT_GIVEN, "leave the table out")
+    return tuple(
+        replace(source, label=next(iter(person), 0), in_front=tuple(sorted({*thing, *ignored})))
+        for source, person, thing, ignored in zip(sources, *roles.values(), strict=True)
+    )
+
+
+def read_people(
+    tables: dict[str, Table], sources: tuple[CameraSource, ...], foreground: ForegroundSettings, scene: Path
+) -> dict[str, Person]:
+    """The people of tables [people.<name>]; results are named after them.
+
+    Raises:
+        InputError: labels or files that cannot be, or a label of two people.
+    """
+    people: dict[str, Person] = {}
+    if tables and foreground.source != "masks":
+        raise InputError(f"{scene}: [people]", _NOT_GIVEN, "leave the tables out")
+    for name, table in tables.items():
+        file_name(name, f"{scene}: [people]")
+        if not table.has("label"):
+            raise table.error("'label' is missing", "add label = ... (a number), or one for each camera")
+        labels = _take_labels(table, "label", sources)
+        if not all(len(of_camera) == 1 for of_camera in labels):
+            raise table.error("label is not one number for each camera", "give label = 1, or label = { cam1 = 1, ... }")
+        own = tuple(of_camera[0] for of_camera in labels)
+        for other, person in people.items():
+            if any(a == b for a, b in zip(own, person.labels, strict=True)):
+                raise table.error(f"'{name}' and '{other}' have the same label", "give each person its own")
+        subject, body, truth = (
+            take_file(table, "subject", scene),
+            take_body(table, scene),
+            take_file(table, "truth", scene),
+        )
+        people[name] = Person(own, subject, body, truth)
+        table.finish()
+    return people
+
+
+def _take_labels(table: Table, key: str, sources: tuple[CameraSource, ...]) -> list[tuple[int, ...]]:
+    """Numbers of each camera: of all alike, or by the cameras' names."""
+    value = table.take_any(key, (int, list, dict), [])
+    names = [source.name for source in sources]
+    by_camera = value if isinstance(value, dict) else dict.fromkeys(names, value)
+    if unknown := by_camera.keys() - set(names):
+        raise table.error(f"{key} names '{min(unknown)}', which is no camera", f"use one of {', '.join(names)}")
+    numbers = [each if isinstance(each, list) else [each] for each in (by_camera.get(name, []) for name in names)]
+    if not all(type(number) is int and 0 < number < 1 << 16 for of_camera in numbers for number in of_camera):
+        raise table.error(f"{key} = {value!r} is no label", "labels are whole numbers from 1 to 65535")
+    return [tuple(of_camera) for of_camera in numbers]
+
+
+def take_body(table: Table, scene: Path) -> str | Path | None:
+    """The body that a table names: a file relative to the scene's, or a shipped one's name."""
+    body: str | None = table.take("body", str, None)
+    is_file = body is not None and Path(body).suffix in (".usd", ".usda", ".usdc")
+    return _existing(scene.parent / body, table) if body is not None and is_file else body
+
+
+def take_file(table: Table, key: str, scene: Path) -> Path | None:
+    """The file that a table names, relative to the scene's."""
+    value = table.take(key, str, None)
+    return None if value is None else _existing(scene.parent / value, table)
+
+
+def _existing(path: Path, table: Table) -> Path:
+    if not os.path.isfile(path):
+        raise table.error(f"{path} does not exist", "check the path; it is relative to the scene file")
+    return path

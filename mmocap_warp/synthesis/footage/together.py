@@ -1,0 +1,104 @@
+"""Several people in one room before the same cameras: label images, in which the nearer one hides the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.synthesis.footage.made_recording import Recording
+
+APART = 0.7
+"""How near people's roots come to each other at the nearest [m]: shoulders then pass a hand's width apart."""
+
+_STEP = 0.02  # between the radii that are tried [m]
+_NEIGHBOURS = 4  # vertices about a pixel, the nearest of which says how deep the skin is there
+
+
+def places(ways: Sequence[np.ndarray], apart: float = APART) -> np.ndarray:
+    """(person, 2), shifts of ways (frame, 2) on the floor with which people meet in the middle of the clip [m].
+
+    They are on a circle about the origin then, on the smallest that keeps them ``apart`` in all frames.
+    """
+    bearing = 2 * np.pi * np.arange(len(ways)) / len(ways)
+    ring = np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+    middle, radius = np.array([way[len(way) // 2] for way in ways]), 0.0
+    while True:
+        shifts: np.ndarray = radius * ring - middle
+        placed = [way + shift for way, shift in zip(ways, shifts, strict=True)]
+        pairs = [(one, other) for i, one in enumerate(placed) for other in placed[i + 1 :]]
+        if all(np.linalg.norm(one - other, axis=1).min() >= apart for one, other in pairs):
+            return shifts
+        radius += _STEP
+
+
+def shifted_truth(truth: Truth, shift: np.ndarray) -> Truth:
+    """The truth of somebody who is elsewhere by ``shift`` (2,) on the floor of a world with +Z up [m]."""
+    by = np.array([*shift, 0.0])
+    pose = None if truth.pose is None else np.concatenate([truth.pose[:, :3] + by, truth.pose[:, 3:]], axis=1)
+    return replace(truth, markers=truth.markers + by, joints=truth.joints + by, pose=pose)
+
+
+@dataclass(frozen=True)
+class Together:
+    """Recordings of one length by the same cameras, in one; people keep the order of their labels, from 1 on."""
+
+    people: tuple[Recording, ...]
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], shifts: np.ndarray) -> Together:
+        """People who are elsewhere than in their recordings by ``shifts`` (person, 2) [m]."""
+        moved = []
+        for recording, shift in zip(recordings, shifts, strict=True):
+            poses = recording.poses.copy()
+            poses[:, :2] += shift
+            moved.append(replace(recording, poses=poses))
+        return cls(tuple(moved))
+
+    @property
+    def fps(self) -> float:
+        """Frames per second."""
+        return self.people[0].fps
+
+    @property
+    def rig(self) -> CameraRig:
+        """The cameras."""
+        return self.people[0].rig
+
+    def __len__(self) -> int:
+        return len(self.people[0])
+
+    def masks(self, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) uint8: labels, with the faults that each person's mask has; 0 is background."""
+        masks = [recording.masks(frame) for recording in self.people]
+        skins = [recording.vertices(frame) for recording in self.people]
+        return [
+            _labels([views[k] for views in masks], [self._seen(k, skin) for skin in skins])
+            for k in range(len(self.rig))
+        ]
+
+    def _seen(self, k: int, skin: np.ndarray) -> np.ndarray:
+        """(vertex, 3) column and row in a view [px], and depth [m]."""
+        seen = skin @ self.rig.R[k].T + self.rig.t[k]
+        image = seen @ self.rig.K[k].T
+        return np.column_stack([image[:, :2] / image[:, 2:], seen[:, 2]])
+
+
+def _labels(masks: Sequence[np.ndarray], seen: Sequence[np.ndarray]) -> np.ndarray:
+    """The label of each pixel: of who is nearest, where the masks of several meet."""
+    from scipy.spatial import cKDTree
+
+    labels = np.zeros(masks[0].shape, np.uint8)
+    for number, mask in enumerate(masks, 1):
+        labels[mask] = number
+    row, column = np.nonzero(np.sum(masks, axis=0) > 1)
+    if len(row):
+        pixels, depth = np.column_stack([column, row]), np.full((len(masks), len(row)), np.inf)
+        for number, (mask, skin) in enumerate(zip(masks, seen, strict=True)):
+            nearest = cKDTree(skin[:, :2]).query(pixels, _NEIGHBOURS)[1]
+            depth[number] = np.where(mask[row, column], skin[nearest, 2].min(axis=1), np.inf)
+        labels[row, column] = 1 + depth.argmin(axis=0)
+    return labels

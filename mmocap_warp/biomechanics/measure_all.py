@@ -9,13 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mmocap_warp.biomechanics.joint_angles import (
-    held_angles,
-    joint_angles,
-    joints_left_out,
-    own_angles,
-    own_shifts,
-)
+from mmocap_warp.biomechanics.joint_angles import held_angles, joint_angles, joints_left_out, own_angles, own_shifts
 from mmocap_warp.biomechanics.segments import Sex, centre_of_mass, skin_place
 from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor, walking
 from mmocap_warp.body.joint_sets import JointSet

@@ -63,11 +63,7 @@ class RestSpace:
     def _columns(self) -> tuple[_Column, ...]:
         """All parameters but the scale."""
         groups, weight = mirrored_joints(self.body), self._weight
-        return (
-            *_sliders(self.body),
-            *_bones(self.body, groups, weight),
-            *_girths(self.body, groups, weight),
-        )
+        return (*_sliders(self.body), *_bones(self.body, groups, weight), *_girths(self.body, groups, weight))
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -87,12 +87,7 @@ def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str
 
 
 def _judged(
-    result: Result,
-    truth: Truth | None,
-    file: Path | None,
-    axes: str,
-    named_by: str,
-    joint_set: JointSet | None = None,
+    result: Result, truth: Truth | None, file: Path | None, axes: str, named_by: str, joint_set: JointSet | None = None
 ) -> tuple[dict[str, Any], str | None]:
     """The report, and a line where the truth, which ``file`` holds, is in another world."""
     try:

@@ -37,19 +37,13 @@ _OUTLINE = 0.012  # standard deviation that all outlines have in common, of shad
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Frames and their poses.
+    """Frames and their poses."""
 
-    Attributes:
-        observation: of each frame.
-        rooted: the poses.
-        cost: (frame,) float64, of the tracker's answers.
-        neighbours: the poses before and after each, for late views. The body moves on a straight line between them:
-            they stay while it is solved, and a curved motion would pull a frame that moves back to them.
-    """
-
-    observation: list[Observation]
-    rooted: RootedPoses
-    cost: np.ndarray
+    observation: list[Observation]  # of each frame
+    rooted: RootedPoses  # the poses
+    cost: np.ndarray  # (frame,) float64, of the tracker's answers
+    # the poses before and after each, for late views. The body moves on a straight line between them: they stay while
+    # it is solved, and a curved motion would pull a frame that moves back to them
     neighbours: Neighbours | None = None
 
     def spread(self, count: int) -> Followed:

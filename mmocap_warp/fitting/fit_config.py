@@ -30,9 +30,7 @@ class FitConfig:
         flag=False,
     )
     rigid: bool | None = setting(
-        None,
-        "Bones' lengths, girths and scale are known, as a robot's are: find the pose alone.",
-        "what the body says",
+        None, "Bones' lengths, girths and scale are known, as a robot's are: find the pose alone.", "what the body says"
     )
     device: str = setting("auto", "auto, cpu or a CUDA device such as cuda:0.")
     threads: int | None = setting(None, "CPU threads.", "all that this process may use")

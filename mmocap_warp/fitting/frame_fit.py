@@ -34,18 +34,12 @@ _BODY_STEPS = 10  # descent steps of a fit of body and pose
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """A body in a pose.
+    """A body in a pose."""
 
-    Attributes:
-        beta: (parameter,) float64, the body in a :class:`RestSpace`.
-        root_base: (3, 3) float64, see :class:`~mmocap_warp.body.model.Subject`.
-        pose: (coordinate,) float64.
-        cost: share of the masks and of the body that the other does not cover (Eq. 5), with a weak prior on the pose.
-    """
-
-    beta: np.ndarray
-    root_base: np.ndarray
-    pose: np.ndarray
+    beta: np.ndarray  # (parameter,) float64, the body in a :class:`RestSpace`
+    root_base: np.ndarray  # (3, 3) float64, see :class:`~mmocap_warp.body.model.Subject`
+    pose: np.ndarray  # (coordinate,) float64
+    # share of the masks and of the body that the other does not cover (Eq. 5), with a weak prior on the pose
     cost: float = np.inf
 
     def orientation(self, skeleton: Skeleton) -> np.ndarray:

@@ -195,13 +195,7 @@ def fill_enclosed(mask: np.ndarray) -> np.ndarray:
 
 
 def explained_share(
-    rig: CameraRig,
-    masks: list[np.ndarray],
-    k: int,
-    others: list[int],
-    pixels: np.ndarray,
-    depth: float,
-    least: int = 2,
+    rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], pixels: np.ndarray, depth: float, least: int = 2
 ) -> float:
     """Share of camera ``k``'s pixels behind which the other views have something; see :func:`hull_thickness`."""
     return float((hull_thickness(rig, masks, k, others, pixels, depth, least) > 0).mean())

@@ -19,20 +19,15 @@ from mmocap_warp.optimizers.search import Optimizer, share_budget
 
 @dataclass(frozen=True)
 class AnnealedFilterConfig:
-    """Settings of the annealed particle filter; the defaults are Table 3 and Section 4.1.1.
+    """Settings of the annealed particle filter; the defaults are Table 3 and Section 4.1.1."""
 
-    Attributes:
-        layers: L, in each partition.
-        survival: delta, the share of particles that the weights let pass to the next layer, in (0, 1].
-        diffusion: of the selected particles' covariance, the share that propagation adds (Eq. 6); in no coordinate
-            more than the search's radius.
-        carries: as printed, a search begins with the last one's particles, and a layer is weighed by the exponent that
-            the layer before chose. Otherwise all particles begin at the last answer, and a layer chooses its own.
-    """
-
-    layers: int = 10
-    survival: float = 0.5
+    layers: int = 10  # L, in each partition
+    survival: float = 0.5  # delta, the share of particles that the weights let pass to the next layer, in (0, 1]
+    # of the selected particles' covariance, the share that propagation adds (Eq. 6); in no coordinate more than the
+    # search's radius
     diffusion: float = 0.5
+    # as printed, a search begins with the last one's particles, and a layer is weighed by the exponent that the layer
+    # before chose. Otherwise all particles begin at the last answer, and a layer chooses its own
     carries: bool = True
 
     def __post_init__(self) -> None:

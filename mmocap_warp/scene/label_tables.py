@@ -60,12 +60,8 @@ def read_people(
         for other, person in people.items():
             if any(a == b for a, b in zip(own, person.labels, strict=True)):
                 raise table.error(f"'{name}' and '{other}' have the same label", "give each person its own")
-        subject, body, truth = (
-            take_file(table, "subject", scene),
-            take_body(table, scene),
-            take_file(table, "truth", scene),
-        )
-        people[name] = Person(own, subject, body, truth)
+        subject, truth = take_file(table, "subject", scene), take_file(table, "truth", scene)
+        people[name] = Person(own, subject, take_body(table, scene), truth)
         table.finish()
     return people
 

@@ -115,19 +115,12 @@ class CameraSource:
 
 @dataclass(frozen=True)
 class Person:
-    """One of several people in a scene.
+    """One of several people in a scene."""
 
-    Attributes:
-        labels: in each camera's masks, in the rig's order.
-        subject: a fitted subject, or None.
-        body: a body file, or the name of a shipped body, or None for the scene's.
-        truth: reference joints or a result to compare with, or None.
-    """
-
-    labels: tuple[int, ...]
-    subject: Path | None = None
-    body: str | Path | None = None
-    truth: Path | None = None
+    labels: tuple[int, ...]  # in each camera's masks, in the rig's order
+    subject: Path | None = None  # a fitted subject, or None
+    body: str | Path | None = None  # a body file, or the name of a shipped body, or None for the scene's
+    truth: Path | None = None  # reference joints or a result to compare with, or None
 
 
 @dataclass(frozen=True)

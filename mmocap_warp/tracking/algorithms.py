@@ -65,19 +65,14 @@ BUDGET = 500
 
 @dataclass(frozen=True)
 class Preset:
-    """Search radii of every algorithm, and where one is not run as printed, its settings.
+    """Search radii of every algorithm, and where one is not run as printed, its settings."""
 
-    Attributes:
-        radius: rotation [rad] and translation [m], at ``fps`` frames per second where that is given.
-        own: the same for algorithms that have a radius of their own.
-        fps: the frame rate that the radii are for; they grow with the frame interval. None: the same at any rate.
-        filters: settings of annealed filters, by algorithm.
-    """
-
-    radius: tuple[float, float]
+    radius: tuple[float, float]  # rotation [rad] and translation [m], at ``fps`` frames per second where that is given
+    # the same for algorithms that have a radius of their own
     own: dict[str, tuple[float, float]] = field(default_factory=dict)
+    # the frame rate that the radii are for; they grow with the frame interval. None: the same at any rate
     fps: float | None = None
-    filters: dict[str, dict[str, Any]] = field(default_factory=dict)
+    filters: dict[str, dict[str, Any]] = field(default_factory=dict)  # settings of annealed filters, by algorithm
 
     def at(self, algorithm: str, fps: float) -> tuple[float, float]:
         """Rotation [rad] and translation [m] radius of an algorithm at a frame rate."""

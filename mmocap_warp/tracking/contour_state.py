@@ -36,36 +36,22 @@ class Candidates(FrameArrays):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ContourState(TrackState):
-    """All that the contour tracker's next frame depends on.
+    """All that the contour tracker's next frame depends on."""
 
-    Attributes:
-        previous_pose: (run, coordinate) float32, the poses before the last ones.
-        overlap_levels: (run, frame) float32, the overlaps of the last frames that were not lost; 0 where there were
-            fewer.
-        exposed_outlines: (run, frame) float32, the exposed outlines of the same frames [m].
-        lost_count: (run,) int32, how many frames in a row are lost.
-        frame_count: (run,) int32, how many frames there were.
-        uncovered_levels: (run, part) float32, the mask area that the body leaves uncovered near each of its parts as
-            long as nothing is in doubt, such as that of a bag [m^2]; NaN until it was looked at.
-        last_excess: (run,) float32, how much more than that was uncovered at the last look [m^2].
-        doubt: (run,) bool, whether that says that a limb is elsewhere.
-        look_count, outstanding_count: (run,) int32, how many looks there were, and how many of them said so.
-        failed_looks: (run,) int32, how many looks for a limb in a row found none.
-        climbed_in_vain: (run,) bool, whether the ladder of recovery was climbed in vain in the last frame.
-    """
-
-    previous_pose: np.ndarray
-    overlap_levels: np.ndarray
-    exposed_outlines: np.ndarray
-    lost_count: np.ndarray
-    frame_count: np.ndarray
+    previous_pose: np.ndarray  # (run, coordinate) float32, the poses before the last ones
+    overlap_levels: np.ndarray  # (run, frame) float32, of the last frames that were not lost; 0 where there were fewer
+    exposed_outlines: np.ndarray  # (run, frame) float32, of the same frames [m]
+    lost_count: np.ndarray  # (run,) int32, how many frames in a row are lost
+    frame_count: np.ndarray  # (run,) int32, how many frames there were
+    # (run, part) float32, the mask area that the body leaves uncovered near each of its parts as long as nothing is in
+    # doubt, such as that of a bag [m^2]; NaN until it was looked at
     uncovered_levels: np.ndarray
-    last_excess: np.ndarray
-    doubt: np.ndarray
-    failed_looks: np.ndarray
-    look_count: np.ndarray
-    outstanding_count: np.ndarray
-    climbed_in_vain: np.ndarray
+    last_excess: np.ndarray  # (run,) float32, how much more than that was uncovered at the last look [m^2]
+    doubt: np.ndarray  # (run,) bool, whether that says that a limb is elsewhere
+    failed_looks: np.ndarray  # (run,) int32, how many looks for a limb in a row found none
+    look_count: np.ndarray  # (run,) int32, how many looks there were
+    outstanding_count: np.ndarray  # (run,) int32, how many of them said that a limb is elsewhere
+    climbed_in_vain: np.ndarray  # (run,) bool, whether the ladder of recovery was climbed in vain in the last frame
 
     @classmethod
     def at(cls, pose: np.ndarray, parts: int) -> ContourState:

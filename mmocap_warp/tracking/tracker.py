@@ -20,17 +20,12 @@ from mmocap_warp.tracking.track_config import TrackConfig
 
 @dataclass(frozen=True, eq=False)
 class TrackState:
-    """All that the next frame depends on.
+    """All that the next frame depends on."""
 
-    Attributes:
-        pose: (run, coordinate) float32, the last poses.
-        counter: (run,) int32, the states of the random numbers.
-        search_memory: float32 arrays that a search starts from besides; of a particle filter its particles
-            (run, particle, dof) and their mean (run, dof). Without them a filter begins anew at the poses.
-    """
-
-    pose: np.ndarray
-    counter: np.ndarray
+    pose: np.ndarray  # (run, coordinate) float32, the last poses
+    counter: np.ndarray  # (run,) int32, the states of the random numbers
+    # float32 arrays that a search starts from besides; of a particle filter its particles (run, particle, dof) and
+    # their mean (run, dof). Without them a filter begins anew at the poses
     search_memory: tuple[np.ndarray, ...] = ()
 
     @property

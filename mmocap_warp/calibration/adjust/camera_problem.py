@@ -14,13 +14,7 @@ import numpy as np
 
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.adjust.camera_changes import (
-    KINDS,
-    OFFSET,
-    POSITION,
-    camera_jacobian,
-    changed,
-)
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, POSITION, camera_jacobian, changed
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import BodyProblem
 from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig

@@ -41,25 +41,16 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class ViewOffset:
-    """The time offset of one camera.
+    """The time offset of one camera."""
 
-    Attributes:
-        frames: by how many of the scene's frames it lags.
-        rival: score of the best other lag over that of this one; from ``0.5`` on the offset is not sure.
-        other: that other lag [frames].
-        agreeing: share of the other views that, compared with this one alone, agree within two frames.
-        sure: whether the offset is reliable.
-        course: how it changes.
-        margin: half the width of its confidence interval, that of the least certain view [frames]. A lag of up to two
-            frames within it counts as none.
-    """
-
-    frames: int
-    rival: float
-    other: int
-    agreeing: float
-    sure: bool
-    course: LagCourse = field(default_factory=LagCourse)
+    frames: int  # by how many of the scene's frames it lags
+    rival: float  # score of the best other lag over that of this one; from ``0.5`` on the offset is not sure
+    other: int  # that other lag [frames]
+    agreeing: float  # share of the other views that, compared with this one alone, agree within two frames
+    sure: bool  # whether the offset is reliable
+    course: LagCourse = field(default_factory=LagCourse)  # how it changes
+    # half the width of its confidence interval, that of the least certain view [frames]. A lag of up to two frames
+    # within it counts as none
     margin: float = 0.0
 
     def doubt(self, name: str, fps: float | None) -> str | None:

@@ -55,27 +55,17 @@ class SolvedWindow:
 
 @dataclass(frozen=True, eq=False)
 class ClipProblem:
-    """What all frames of a clip share.
+    """What all frames of a clip share."""
 
-    Attributes:
-        linearise: the contours' equations.
-        rooting: moves poses.
-        points: what is kept from accelerating.
-        rate: frames a second.
-        backward: a second opinion on a window's poses; where it differs the window is solved anew. None to do without.
-    """
-
-    linearise: LineariseFrames
-    rooting: Rooting
-    points: MotionPoints
-    rate: float
+    linearise: LineariseFrames  # the contours' equations
+    rooting: Rooting  # moves poses
+    points: MotionPoints  # what is kept from accelerating
+    rate: float  # frames a second
+    # a second opinion on a window's poses; where it differs the window is solved anew. None to do without
     backward: BackwardPass | None = None
 
     def windows(
-        self,
-        rooted: RootedPoses,
-        passes: tuple[Pass, ...] = coarse_then_fine(),
-        shows: np.ndarray | None = None,
+        self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine(), shows: np.ndarray | None = None
     ) -> Iterator[SolvedWindow]:
         """The clip's poses in windows of frames that are solved in turn, so that memory does not grow with the clip.
 

@@ -11,14 +11,7 @@ import warp as wp
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.transfers import Replays, Upload
 from mmocap_warp.kernels import block
-from mmocap_warp.kernels.contour.distance import (
-    Masks,
-    Workings,
-    find_boxes,
-    measure_distances,
-    pixels_of,
-    place_boxes,
-)
+from mmocap_warp.kernels.contour.distance import Masks, Workings, find_boxes, measure_distances, pixels_of, place_boxes
 from mmocap_warp.kernels.contour.residuals import Fields
 from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.masks.observation import Observation, words_per_row

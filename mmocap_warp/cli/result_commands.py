@@ -66,8 +66,8 @@ def _track(
     resumed = {"resume": True} if whole and not force else {}
     tracked = call(scene=scene, output=output, **changes, **resumed)
     # Cameras that disagree are refined, unless something else is asked for.
-    asked = (settings and settings.cameras) or "cameras" in scene.track or tracked.config["cameras"] == REFINE
-    if whole and not asked and verdict(tracked)["cameras"]:
+    asked = (settings and settings.cameras) or "cameras" in scene.track
+    if whole and not asked and tracked.config["cameras"] != REFINE and verdict(tracked)["cameras"]:
         console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
         tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})
         force = True

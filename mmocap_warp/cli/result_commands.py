@@ -111,10 +111,10 @@ def live(call: Any) -> Answer:
     frames=SceneFrames,
     settings=FitFlags | None,
 )
-def fit(call: Any, scene: Path, output: Path, person: str | None) -> Answer:
+def fit(call: Any, scene: Path, output: Path, identity: int | None, person: str | None) -> Answer:
     from mmocap_warp.scene.scene_toml import load_scene
 
-    people = load_scene(scene).people if person is None else {}
+    people = load_scene(scene, identity=identity).people if person is None else {}
     if not people:
         return _fitted(call(), output)
     files = {name: _of_person(output, name) for name in people}

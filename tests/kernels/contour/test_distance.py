@@ -89,6 +89,7 @@ class Measured:
             start=wp.array(self.start, dtype=wp.int32, device=device),
             frame=wp.zeros(1, dtype=wp.int32, device=device),
             larger=wp.zeros(cameras, dtype=wp.float32, device=device),
+            hidden=wp.zeros((0, 0, 0, 0), dtype=wp.uint32, device=device),
         )
         measure_distances(self.masks, workings, self.fields)
         self.place = place

@@ -4,7 +4,7 @@
 
 A cell is one tracker with one seed on one clip made worse in one way. Its file is named by a hash of all that it
 depends on, so that a run that was interrupted, or has cells added, tracks what is missing and nothing else.
-``FOLDER/ablation.csv`` has a line for each cell. docs/sequences.md says what the columns are.
+``FOLDER/ablation.csv`` has a line for each cell. README.md here says what its columns are.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ def make_sequences(
         markers: the .c3d of the same take as an .amc; its marker paths become the truth.
         together: the people of the sequences, two or more, are in one scene of label images and pass each other.
         force: write among files that are there.
-        reporter: who is told of progress.
+        reporter: receives progress.
 
     Returns:
         The scenes' files, by the sequences' names.

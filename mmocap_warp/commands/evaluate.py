@@ -47,7 +47,7 @@ def evaluate(
         frames: which of the result's frames. [default: all]
         joint_set: by which definitions joints are compared: rig, isb, coco17, body25, h36m17, humaneva, coco-anny, or a
             .toml file.
-        reporter: who is told of warnings.
+        reporter: receives warnings.
 
     Returns:
         What :func:`mmocap_warp.result.evaluation.evaluate` gives and, as ``verdict``, how far it is to be

@@ -77,7 +77,7 @@ def show(
         deviations: draw ellipses of ten standard deviations at the joints.
         strip: also write a small animated picture for a README beside the video, .webp.
         force: replace files that exist.
-        reporter: who is told of progress.
+        reporter: receives progress.
 
     Raises:
         UsageError: frames that the result does not have, no ``output`` for what has no file, a wrong ``slow``.
@@ -205,7 +205,7 @@ def view(
         output: the page's file, .html. The command writes it beside the result unless it is named.
         rerun: also write the best run as a recording of Rerun's, .rrd; it needs the package rerun-sdk.
         force: replace files that exist.
-        reporter: who is told of progress.
+        reporter: receives progress.
 
     Raises:
         InputError: the scene or the truth is of another recording, an image cannot be read, or a file not written.

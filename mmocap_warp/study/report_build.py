@@ -185,12 +185,12 @@ def _rankings(rankings: Sequence[Ranking], title: str) -> Iterator[str]:
     if not rankings:
         return
     rows, tests = ranking_rows(rankings, lambda p: f"**{p}**"), [ranking.test for ranking in rankings]
-    told = [
+    tested = [
         [("Friedman", f"{test.statistic:.3f}", p_value(test.p)) if test else ("Friedman", "", "") for test in tests],
         [("Iman–Davenport F", *((statistic(test.f), p_value(test.f_p)) if test else ("", ""))) for test in tests],
         [("Kendall’s W", f"{test.kendall_w:.2f}" if test else "", "") for test in tests],
     ]
-    rows += [[*chain.from_iterable(line), ""] for line in told]
+    rows += [[*chain.from_iterable(line), ""] for line in tested]
     head = [*(RANK_HEAD * len(rankings)), "Holm"]
     size = ", ".join(f"{ranking.seeds} seeds over {len(ranking.sequences)} sequences" for ranking in rankings)
     yield Table(f"{size}.", head, rows).markdown(title)

@@ -269,7 +269,8 @@ def export(
         fps: frames per second, resampled by time. [default: the result's own]
         up: turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
             [default: the result's own, or the format's]
-        rig: name and bind the body as this rig, in its rest pose.
+        rig: name and bind the body as this rig, in its rest pose: mixamo, unity, unreal, vrm or soma. [default: vrm in
+            a .vrma]
         joint_set: tables of points only: whose joints they hold, as eval takes it.
         bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
         force: replace files that exist.
@@ -281,6 +282,10 @@ def export(
     output = Path(output)
     new_file(output, *table.EXPORT_SUFFIXES, force=force or run == "all")
     _check_format(output, up, bake)
+    if output.suffix.lower() == ".vrma":
+        if rig not in (None, "vrm"):
+            raise UsageError(f"--rig {rig} cannot be in a .vrma; leave it out, or end the output in .glb")
+        rig = "vrm"
     if joint_set != RIG and not table.export_format(output).takes_joint_set:
         fitting = ", ".join(ending for each in table.EXPORTS if each.takes_joint_set for ending in each.suffixes)
         raise UsageError(f"--joint-set cannot be in {output.suffix}; end the output in one of {fitting}")

@@ -47,13 +47,18 @@ _PLACES: dict[str, tuple[float, float, float]] = {
     "LBigToe": (0.176, 0.012, 0.215),
     "LSmallToe": (0.238, 0.012, 0.180),
     "LHeel": (0.202, 0.012, -0.052),
+    "LCalcaneus": (0.204, 0.031, -0.051),
+    "LMetatarsal2": (0.189, 0.043, 0.140),
+    "LMetatarsal5": (0.238, 0.037, 0.109),
     "Nose": (0.0, 1.627, 0.172),
     "Pubis": (0.0, 0.925, 0.105),
     "HeadTop": (0.0, 1.780, 0.050),
     "Chin": (0.0, 1.545, 0.135),
+    "RScapula": (-0.084, 1.364, -0.092),
 }
 # Landmarks that the bodies have as markers of Plug-in Gait already.
 _MARKERS = {"LASIS": "LASI", "LPSIS": "LPSI", "C7": "C7", "T10": "T10", "Jugular": "CLAV", "Xiphoid": "STRN"}
+_MARKERS |= {"LHeelAbove": "LHEE"}
 
 
 def landmarks(body: BodyModel) -> dict[str, int]:
@@ -234,7 +239,44 @@ def sets(of: dict[str, Terms]) -> dict[str, dict[str, Point]]:
     for word, letter in (("Left", "L"), ("Right", "R")):
         soma |= {f"{word}{name}": _own(name, f"{letter}{joint}") for name, joint in _SOMA_LIMB.items()}
         soma |= {f"{word}Eye": side(f"{letter}Eye", of), f"{word}ToeEnd": side(f"{letter}BigToe", of)}
-    return {"isb": isb, "coco17": coco, "body25": body25, "h36m17": h36m, "humaneva": humaneva, "soma77": soma}
+    made = {"isb": isb, "coco17": coco, "body25": body25, "h36m17": h36m, "humaneva": humaneva, "soma77": soma}
+    return made | {"rajagopal": rajagopal(isb)}
+
+
+# Markers of Rajagopal's model on the left, by its names without the side: the landmark, and the joint that carries it.
+# Those of the foot are as high over the sole as the model's; which vertices they are was chosen by the ankle's angle in
+# a walk. Its calcaneus is between two vertices.
+_RAJAGOPAL = {
+    "ASI": ("ASIS", "Root"),
+    "PSI": ("PSIS", "Root"),
+    "ACR": ("Acromion", "UpperSpine"),
+    "LEL": ("LateralHumeralEpicondyle", "LShoulder"),
+    "MEL": ("MedialHumeralEpicondyle", "LShoulder"),
+    "FAradius": ("RadialStyloid", "LElbow"),
+    "FAulna": ("UlnarStyloid", "LElbow"),
+    "LFC": ("LateralFemoralEpicondyle", "LHip"),
+    "MFC": ("MedialFemoralEpicondyle", "LHip"),
+    "LMAL": ("LateralMalleolus", "LKnee"),
+    "MMAL": ("MedialMalleolus", "LKnee"),
+    "CAL": ("Calcaneus HeelAbove", "LAnkle"),
+    "TOE": ("Metatarsal2", "LAnkle"),
+    "MT5": ("Metatarsal5", "LAnkle"),
+}
+
+
+def rajagopal(isb: dict[str, Point]) -> dict[str, Point]:
+    """The markers of Rajagopal's model that the body has, and RBAK, the one of Plug-in Gait that the body lacks."""
+    points: dict[str, Point] = {"C7": isb["C7"], "CLAV": isb["Jugular"], "RBAK": ({"RScapula": 1.0}, "UpperSpine", "")}
+    for side in "LR":
+        for joint in ("Shoulder", "Elbow", "Hip", "Knee", "Ankle"):
+            points[f"{side}{joint[0]}JC"] = isb[f"{side}{joint}"]
+        for name, (landmark, carrier) in _RAJAGOPAL.items():
+            terms = mean(*({f"{side}{each}": 1.0} for each in landmark.split()))
+            points[f"{side}{name}"] = terms, carrier if carrier in _MIDDLE else f"{side}{carrier[1:]}", ""
+    return points
+
+
+_MIDDLE = ("Root", "UpperSpine")
 
 
 # SOMA's joints that the body has, at the rig's own places, but for the eyes, the top of the head and the toes.

@@ -143,7 +143,7 @@ def measure(
         sex: whose shares of mass the body's segments have: female or male. [default: the mean of both]
         output: a folder for every frame's figures as .csv, and plots of angles and feet as .svg.
         frames: which of the result's frames. [default: all]
-        joint_set: whose points the table of joints and the lengths of bones have, as eval takes it; angles stay.
+        joint_set: whose centres the table of joints, the lengths of bones and the angles go by, as eval takes it.
         force: write into a folder that holds something.
 
     Returns:
@@ -162,7 +162,7 @@ def measure(
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     start_warp()
     with arguments_checked():
-        measures = replace(measure_all.measure(tracked, run, raw, sex), joint_set=points)
+        measures = measure_all.measure(tracked, run, raw, sex, points)
     return measures if folder is None else replace(measures, files=tuple(_write(folder, measures)))
 
 

@@ -45,8 +45,8 @@ def evaluate(
         truth_axes: of a .trc: which of its axes are the world's x, y and z, such as zxy.
         scene: the scene, if it is no longer where the result says.
         frames: which of the result's frames. [default: all]
-        joint_set: by which definitions joints are compared: rig, isb, coco17, body25, h36m17, humaneva, coco-anny, or a
-            .toml file.
+        joint_set: by which definitions joints are compared: rig, isb, coco17, body25, h36m17, humaneva, rajagopal,
+            soma77, coco-anny, or a .toml file.
         reporter: receives warnings.
 
     Returns:

@@ -1,8 +1,9 @@
 """Make the tables of joint sets of MakeHuman's people: landmarks on the skin, and joint centres from them.
 
-``python instruments/joint_sets.py -o scenes/bodies/joint_sets``. A landmark is a vertex that was chosen on adult_man;
-all shipped people have the same mesh. Centres that the literature gives by lengths and directions are turned into
-weights of landmarks, by least squares over the shipped people with every shape target at -1, 0 and 1.
+``python instruments/joint_sets.py -o scenes/bodies/joint_sets``; ``--picture docs/images/all-joint-sets.png`` draws
+them on two bodies. A landmark is a vertex that was chosen on adult_man; all shipped people have the same mesh. Centres
+that the literature gives by lengths and directions are turned into weights of landmarks, by least squares over the
+shipped people with every shape target at -1, 0 and 1.
 
 Harrington et al., *Prediction of the hip joint centre in adults, children, and patients with cerebral palsy based on
 magnetic resonance imaging* (J. Biomechanics 40, 2007): its equations of pelvic depth and width. Rab et al., *A method
@@ -17,9 +18,12 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 
+from mmocap_warp.body.joint_sets import RIG, JointSet, joint_set
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.result.marker_errors import triangulated
 from mmocap_warp.rigging.shipped import load_body
 
 PEOPLE = ("adult_man", "adult_woman", "tall_slim_adult")
@@ -308,12 +312,53 @@ def table(points: dict[str, Point], vertex: dict[str, int], vertices: int) -> st
     return "\n".join([*lines, ""])
 
 
+_SCALE, _VIEW = 200.0, (270, 160, 390)  # pixels a metre; widths from the front and from the side, height
+_LEFT, _RIGHT, _MIDDLE_COLOUR = (60, 140, 0), (0, 120, 230), (150, 60, 60)
+
+
+def picture(file: Path, names: list[str]) -> None:
+    """Draw sets on two people, from the front and from their left; crosses are the rig's own joints."""
+    rows = []
+    for person in PEOPLE[:2]:
+        body = load_body(person)
+        rows.append([drawn(body, joint_set(name, body), f"{name}, {person}") for name in names])
+    half = (len(names) + 1) // 2
+    lines = [np.hstack(row[part]) for part in (slice(half), slice(half, None)) for row in rows]
+    cv2.imwrite(str(file), np.vstack(lines), (cv2.IMWRITE_PNG_COMPRESSION, 9))
+
+
+def drawn(body: BodyModel, of: JointSet, title: str) -> np.ndarray:
+    """One set on one body: filled are points that stand for a joint, hollow are others."""
+    views = []
+    for side, width in ((0, _VIEW[0]), (2, _VIEW[1])):
+
+        def pixels(places: np.ndarray, side: int = side, width: int = width) -> np.ndarray:
+            return places[:, [side, 1]].astype(float) * [_SCALE, -_SCALE] + [width / 2, _VIEW[2] - 20]
+
+        image = np.full((_VIEW[2], width, 3), 255, np.uint8)
+        for triangle in pixels(body.skin.rest)[triangulated(body.skin.face)]:
+            cv2.fillConvexPoly(image, (triangle * 16).round().astype(np.int32), (225, 225, 225), cv2.LINE_AA, 4)
+        for name, place, joint in zip(of.names, pixels(of.at_rest(body)), of.counterpart, strict=True):
+            colour = {"L": _LEFT, "R": _RIGHT}.get(name[0].upper() if name != "Root" else "", _MIDDLE_COLOUR)
+            cv2.circle(image, (place * 16).round().astype(int), 56, colour, -1 if joint >= 0 else 1, cv2.LINE_AA, 4)
+        for place in pixels(body.joint_rest):
+            cv2.drawMarker(image, place.round().astype(int), (0, 0, 0), cv2.MARKER_CROSS, 6, 1)
+        views.append(image)
+    cv2.putText(views[0], title, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+    return np.hstack(views)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", type=Path, required=True, metavar="FOLDER", help="where the tables are written")
-    folder = parser.parse_args().o
-    folder.mkdir(exist_ok=True)
+    parser.add_argument("-o", type=Path, metavar="FOLDER", help="where the tables are written")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="where they are drawn")
+    given = parser.parse_args()
     man = load_body(PEOPLE[0])
     vertex = landmarks(man)
-    for name, points in sets(centres(vertex)).items():
-        (folder / f"{name}.toml").write_text(table(points, vertex, len(man.skin.rest)), encoding="utf-8")
+    made = sets(centres(vertex))
+    if given.o:
+        given.o.mkdir(exist_ok=True)
+        for name, points in made.items():
+            (given.o / f"{name}.toml").write_text(table(points, vertex, len(man.skin.rest)), encoding="utf-8")
+    if given.picture:
+        picture(given.picture, [RIG, *made])

@@ -61,6 +61,8 @@ CANDIDATES = 32
 """Poses that are linearised at a time."""
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
 _HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]
+_UNSURE = 0.05  # deviation of a joint from which on holes in most masks may hide it [m], in a body like a person
+_LEAST_WHOLE = 2  # so many views without a hole show where a limb is
 _FALL = 0.03  # overlap below that of the frames before from which a limb may be elsewhere for a moment
 
 
@@ -145,6 +147,7 @@ class _MaskWindow:
 
     Attributes:
         pairs: coordinates (coordinate,) of each pair of limbs.
+        holed: (frame,) bool, frames that were read of which too few views have whole masks.
         reading: how long reading took so far [s].
     """
 
@@ -168,6 +171,7 @@ class _MaskWindow:
         self._unread: Iterator[Observation] = iter(observations)
         self._held: list[Observation] = []
         self._read = 0
+        self.holed = np.zeros(len(raw.frame_numbers), bool)
         self.reading = 0.0
 
     def linearise(
@@ -230,6 +234,9 @@ class _MaskWindow:
         self.reading += time.perf_counter() - started
         place = self._read % self._places
         self._held[place : place + 1] = [observation]
+        if observation.holed is not None:
+            whole = (observation.foreground > 0) & ~observation.holed
+            self.holed[self._read] = whole.sum() < _LEAST_WHOLE
         self._fitter.observe(place, observation)
         self._read += 1
 
@@ -328,6 +335,9 @@ class _RunSmoother:
         if self._looks:
             looked, area = np.array(list(self._looks)), np.stack(list(self._looks.values()))
             doubt = parts_in_doubt(self._size, self._rate, looked, area, len(doubt))
+        unsure = (self.sigma.joint.max(axis=2) > _UNSURE * self._size) & self._masks.holed[:, None]
+        for joint, part in enumerate(self._skeleton.part):
+            doubt[:, part] |= unsure[:, joint]
         wide = doubt[:, np.array(self._skeleton.part)]  # (frame, joint)
         least = np.where(wide, WIDE_SIGMA * self._size, 0.0)[:, :, None]
         self.sigma.joint[:] = np.maximum(self.sigma.joint, least)

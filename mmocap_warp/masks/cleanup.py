@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import cv2
@@ -28,14 +29,21 @@ def clean_mask(
         (height, width) bool.
     """
     m: Any = mask.astype(np.uint8)
+    # Each step works on no more of the image than it can change, where there may be foreground.
     if settings.median:
-        m = cv2.medianBlur(m, _odd(settings.median * scale))
-    if settings.open:
-        m = cv2.morphologyEx(m, cv2.MORPH_OPEN, _disc(settings.open * scale))
-    if settings.close:
-        m = cv2.morphologyEx(m, cv2.MORPH_CLOSE, _disc(settings.close * scale))
+        side = _odd(settings.median * scale)
+        sums = cv2.boxFilter(m, cv2.CV_32S, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE)
+        m = (sums > side * side // 2).view(np.uint8)
+    for size, step in ((settings.open, cv2.MORPH_OPEN), (settings.close, cv2.MORPH_CLOSE)):
+        if size:
+            part = _around(m, _odd(size * scale))
+            m[part] = cv2.morphologyEx(m[part], step, _disc(size * scale))
     if settings.fill_holes:
-        m |= drop_small(1 - m, settings.fill_holes * scale**2, connectivity=4) ^ (1 - m)
+        area = settings.fill_holes * scale**2
+        # What is left of the background beside the foreground is no hole, because that strip is too large for one.
+        _, _, width, height = cv2.boundingRect(m)
+        inside = m[_around(m, 1 + math.ceil(area / max(1, min(width, height))))]
+        inside |= drop_small(1 - inside, area, connectivity=4) ^ (1 - inside)
     if settings.min_area:
         m = drop_small(m, settings.min_area * scale**2, connectivity=8)
     cleaned = m.astype(bool)
@@ -46,13 +54,15 @@ def clean_mask(
 
 def drop_small(mask: np.ndarray, area: float, connectivity: int) -> np.ndarray:
     """(height, width) uint8 0/1: ``mask`` (likewise) without components of less than ``area`` pixels."""
-    count, label = cv2.connectedComponents(mask, connectivity=connectivity)
+    part = _around(mask, 0)
+    count, label = cv2.connectedComponents(mask[part], connectivity=connectivity)
     # Areas alone are counted four times as quickly here as with OpenCV's other statistics.
     large = np.bincount(label.ravel(), minlength=count) >= area
     if large[1:].all():
         return mask
     large[0] = False
-    kept: np.ndarray = large.view(np.uint8)[label]
+    kept = np.zeros_like(mask)
+    kept[part] = large.view(np.uint8).take(label)
     return kept
 
 
@@ -91,14 +101,29 @@ def _components(mask: np.ndarray, join: float) -> tuple[int, np.ndarray, np.ndar
 
     A mask that is in one piece is not joined any further: its components are those of the mask itself.
     """
-    pixels = mask.astype(np.uint8)
-    count, label = cv2.connectedComponents(pixels, connectivity=8)
+    part = _around(mask.view(np.uint8), _odd(join))
+    pixels, label = mask[part].astype(np.uint8), np.zeros(mask.shape, np.int32)
+    count, there = cv2.connectedComponents(pixels, connectivity=8)
     if count > 2 and join >= 1:
-        count, label = cv2.connectedComponents(cv2.dilate(pixels, _disc(join)), connectivity=8)
-        label = np.where(mask, label, 0)
-    areas = np.bincount(label.ravel(), minlength=count)
+        count, there = cv2.connectedComponents(cv2.dilate(pixels, _disc(join)), connectivity=8)
+        there *= pixels
+    areas = np.bincount(there.ravel(), minlength=count)
     areas[0] = 0
+    label[part] = there
     return count, label, areas
+
+
+def _around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
+    """Rows and columns of what lies up to ``margin`` pixels around the foreground of a mask (height, width) uint8.
+
+    They begin at even numbers, so that components are found in the order in which they are in the whole image.
+    """
+    left, top, width, height = cv2.boundingRect(mask)
+    rows, columns = (
+        slice(max(0, first - margin) & ~1, max(1, first + length + margin))
+        for first, length in ((top, height), (left, width))
+    )
+    return rows, columns
 
 
 def _odd(length: float) -> int:

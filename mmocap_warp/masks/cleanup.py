@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -16,7 +17,7 @@ _RIVAL_AREA_RATIO = 0.6  # of two components' areas: two people at different dis
 def clean_mask(
     mask: np.ndarray, settings: ForegroundSettings, scale: float = 1.0, body: np.ndarray | None = None
 ) -> np.ndarray:
-    """Apply the settings' steps in their order: median, open, close, fill holes, drop small components, keep.
+    """Apply the settings' steps in their order: those of :func:`mend_mask`, then keep.
 
     Args:
         mask: (height, width) bool.
@@ -28,6 +29,11 @@ def clean_mask(
     Returns:
         (height, width) bool.
     """
+    return keep_mended(mend_mask(mask, settings, scale), settings, scale, None if body is None else lambda: body)
+
+
+def mend_mask(mask: np.ndarray, settings: ForegroundSettings, scale: float) -> np.ndarray:
+    """The steps of :func:`clean_mask` that know no body: median, open, close, fill holes, drop small components."""
     m: Any = mask.astype(np.uint8)
     # Each step works on no more of the image than it can change, where there may be foreground.
     if settings.median:
@@ -36,25 +42,31 @@ def clean_mask(
         m = (sums > side * side // 2).view(np.uint8)
     for size, step in ((settings.open, cv2.MORPH_OPEN), (settings.close, cv2.MORPH_CLOSE)):
         if size:
-            part = _around(m, _odd(size * scale))
+            part = around(m, _odd(size * scale))
             m[part] = cv2.morphologyEx(m[part], step, _disc(size * scale))
     if settings.fill_holes:
         area = settings.fill_holes * scale**2
         # What is left of the background beside the foreground is no hole, because that strip is too large for one.
         _, _, width, height = cv2.boundingRect(m)
-        inside = m[_around(m, 1 + math.ceil(area / max(1, min(width, height))))]
+        inside = m[around(m, 1 + math.ceil(area / max(1, min(width, height))))]
         inside |= drop_small(1 - inside, area, connectivity=4) ^ (1 - inside)
     if settings.min_area:
         m = drop_small(m, settings.min_area * scale**2, connectivity=8)
-    cleaned = m.astype(bool)
+    return m.view(bool)
+
+
+def keep_mended(
+    mask: np.ndarray, settings: ForegroundSettings, scale: float, body: Callable[[], np.ndarray] | None
+) -> np.ndarray:
+    """The components to keep of what :func:`mend_mask` made; ``body`` says where the body was last if it is asked."""
     if settings.keep == "all":
-        return cleaned
-    return keep_subject(cleaned, settings.join * scale, body if settings.keep == "nearest" else None)
+        return mask
+    return keep_subject(mask, settings.join * scale, body if settings.keep == "nearest" else None)
 
 
 def drop_small(mask: np.ndarray, area: float, connectivity: int) -> np.ndarray:
     """(height, width) uint8 0/1: ``mask`` (likewise) without components of less than ``area`` pixels."""
-    part = _around(mask, 0)
+    part = around(mask, 0)
     count, label = cv2.connectedComponents(mask[part], connectivity=connectivity)
     # Areas alone are counted four times as quickly here as with OpenCV's other statistics.
     large = np.bincount(label.ravel(), minlength=count) >= area
@@ -66,14 +78,15 @@ def drop_small(mask: np.ndarray, area: float, connectivity: int) -> np.ndarray:
     return kept
 
 
-def keep_subject(mask: np.ndarray, join: float, body: np.ndarray | None) -> np.ndarray:
-    """The components of a mask that overlap ``body``, or the one nearest to it; without a body, the largest.
+def keep_subject(mask: np.ndarray, join: float, last: Callable[[], np.ndarray] | None) -> np.ndarray:
+    """The components of a mask that overlap where a body was last, or the nearest to it; without a body, the largest.
 
     An empty body counts as none. Pieces up to ``join`` pixels apart count as one component.
     """
     count, label, areas = _components(mask, join)
     if count <= 2:
         return mask
+    body = last() if last else None
     if body is None or not body.any():
         return label == int(areas.argmax())
     overlap = np.bincount(label[body], minlength=count)
@@ -101,7 +114,7 @@ def _components(mask: np.ndarray, join: float) -> tuple[int, np.ndarray, np.ndar
 
     A mask that is in one piece is not joined any further: its components are those of the mask itself.
     """
-    part = _around(mask.view(np.uint8), _odd(join))
+    part = around(mask.view(np.uint8), _odd(join))
     pixels, label = mask[part].astype(np.uint8), np.zeros(mask.shape, np.int32)
     count, there = cv2.connectedComponents(pixels, connectivity=8)
     if count > 2 and join >= 1:
@@ -113,7 +126,7 @@ def _components(mask: np.ndarray, join: float) -> tuple[int, np.ndarray, np.ndar
     return count, label, areas
 
 
-def _around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
+def around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
     """Rows and columns of what lies up to ``margin`` pixels around the foreground of a mask (height, width) uint8.
 
     They begin at even numbers, so that components are found in the order in which they are in the whole image.

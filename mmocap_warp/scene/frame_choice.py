@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from itertools import islice
 from typing import Protocol, TypeVar
 
 from mmocap_warp.masks.frames import VideoFile
+from mmocap_warp.masks.observation import read_ahead
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,8 @@ def frames_by_number(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) 
         yield image
 
 
-def read_together(streams: Sequence[Iterator[Image]], pool: Executor) -> Iterator[list[Image]]:
-    """What streams of one length yield, an item of each at a time, read at once; they are read to their ends."""
-    while all(items := list(pool.map(lambda stream: list(islice(stream, 1)), streams))):
-        yield [item for (item,) in items]
+def read_together(streams: Sequence[Iterator[Image]]) -> Iterator[list[Image]]:
+    """What streams of one length yield, an item of each at a time; a thread for each reads ahead, to its end."""
+    with ExitStack() as stack:
+        ahead = [stack.enter_context(closing(read_ahead(stream))) for stream in streams]
+        yield from map(list, zip(*ahead, strict=True))

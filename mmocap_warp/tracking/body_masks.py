@@ -25,11 +25,19 @@ def body_masks(subject: Subject, rig: CameraRig, last_poses: Callable[[], np.nda
     """
     poser, faces = Poser(subject.body, subject.root_base), subject.body.tracking_face
 
-    def masks() -> list[np.ndarray]:
-        runs = [silhouettes(rig, vertices, faces) for vertices in poser.tracking_vertices(last_poses())]
-        return [np.logical_or.reduce(views) for views in zip(*runs, strict=True)]
+    return lambda: _Views(rig, poser.tracking_vertices(last_poses()), faces)
 
-    return masks
+
+class _Views:
+    """Where bodies (run, vertex, 3) are seen by a camera that is asked for, which few are: that takes a while."""
+
+    def __init__(self, rig: CameraRig, bodies: np.ndarray, faces: np.ndarray) -> None:
+        self._rig, self._bodies, self._faces = rig, bodies, faces
+
+    def __getitem__(self, k: int) -> np.ndarray:
+        camera = self._rig.select((self._rig.names[k],))
+        masks: np.ndarray = np.logical_or.reduce([silhouettes(camera, each, self._faces)[0] for each in self._bodies])
+        return masks
 
 
 def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[list[np.ndarray]]:

@@ -40,10 +40,12 @@ def mend_mask(mask: np.ndarray, settings: ForegroundSettings, scale: float) -> n
         side = _odd(settings.median * scale)
         sums = cv2.boxFilter(m, cv2.CV_32S, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE)
         m = (sums > side * side // 2).view(np.uint8)
-    for size, step in ((settings.open, cv2.MORPH_OPEN), (settings.close, cv2.MORPH_CLOSE)):
+    for size, opens in ((settings.open, 1), (settings.close, 0)):
         if size:
-            part = around(m, _odd(size * scale))
-            m[part] = cv2.morphologyEx(m[part], step, _disc(size * scale))
+            part, side = around(m, _odd(size * scale)), _odd(size * scale)
+            m[part] ^= opens
+            m[part] = 1 - dilated(1 - dilated(m[part], side), side)
+            m[part] ^= opens
     if settings.fill_holes:
         area = settings.fill_holes * scale**2
         # What is left of the background beside the foreground is no hole, because that strip is too large for one.
@@ -142,6 +144,24 @@ def around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
 def _odd(length: float) -> int:
     """The odd number of pixels next to ``length``, at least 3."""
     return max(3, 2 * round((length - 1) / 2) + 1)
+
+
+def dilated(mask: np.ndarray, diameter: int) -> np.ndarray:
+    """A mask (height, width) uint8 0/1 dilated by a disc of an odd number of pixels; the image's border grows nothing.
+
+    OpenCV looks at all pixels of the disc, here each of its rows goes on from a shorter one.
+    """
+    disc, radius, (height, width) = _disc(diameter), diameter // 2, mask.shape
+    padded = np.pad(mask, radius)
+    runs, result, reach = padded.copy(), np.zeros_like(mask), 0
+    reaches = disc.sum(axis=1) // 2
+    for row in np.argsort(reaches, kind="stable").tolist():
+        while reach < reaches[row]:
+            reach += 1
+            runs[:, reach:] |= padded[:, :-reach]
+            runs[:, :-reach] |= padded[:, reach:]
+        result |= runs[row : row + height, radius : radius + width]
+    return result
 
 
 def _disc(diameter: float) -> np.ndarray:

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.masks.cleanup import around
+from mmocap_warp.masks.cleanup import around, dilated
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
 _COARSE_SPACING = 0.10  # first grid [m]; bodies are found on it, then carved finely
@@ -77,8 +77,8 @@ def meeting_point(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
 
 def mask_centroid(mask: np.ndarray) -> tuple[float, float]:
     """Column and row of a mask's centroid [px]."""
-    row, column = (axis.mean() for axis in np.nonzero(mask))
-    return column, row
+    sums = cv2.moments(mask.view(np.uint8), binaryImage=True)
+    return sums["m10"] / sums["m00"], sums["m01"] / sums["m00"]
 
 
 def meeting_point_of(rig: CameraRig, pixels: np.ndarray) -> np.ndarray:
@@ -181,8 +181,8 @@ def _repair(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], 
     rows, columns = near = around(mask.view(np.uint8), max(diameters))
     repaired = mask[near]
     for (width, thickness), diameter in zip(_GAPS, diameters, strict=True):
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
-        closed = cv2.morphologyEx(repaired.view(np.uint8), cv2.MORPH_CLOSE, kernel).view(bool)
+        closed = 1 - dilated(1 - dilated(repaired.view(np.uint8), diameter), diameter)
+        closed = closed.view(bool)
         if width == _GAPS[-1][0]:
             closed = fill_enclosed(closed)
         row, column = np.nonzero(closed & ~repaired)

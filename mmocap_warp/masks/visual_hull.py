@@ -77,8 +77,10 @@ def meeting_point(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
 
 def mask_centroid(mask: np.ndarray) -> tuple[float, float]:
     """Column and row of a mask's centroid [px]."""
-    sums = cv2.moments(mask.view(np.uint8), binaryImage=True)
-    return sums["m10"] / sums["m00"], sums["m01"] / sums["m00"]
+    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+    sums = cv2.moments(mask[top : top + height, left : left + width].view(np.uint8), binaryImage=True)
+    count = sums["m00"]
+    return (sums["m10"] + left * count) / count, (sums["m01"] + top * count) / count
 
 
 def meeting_point_of(rig: CameraRig, pixels: np.ndarray) -> np.ndarray:

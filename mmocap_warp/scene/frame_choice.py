@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from mmocap_warp.masks.frames import VideoFile
-from mmocap_warp.masks.observation import read_ahead
 
 
 @dataclass(frozen=True)
@@ -106,3 +107,21 @@ def read_together(streams: Sequence[Iterator[Image]]) -> Iterator[list[Image]]:
     with ExitStack() as stack:
         ahead = [stack.enter_context(closing(read_ahead(stream))) for stream in streams]
         yield from map(list, zip(*ahead, strict=True))
+
+
+_FRAMES_AHEAD = 4  # that are read while one is tracked
+Item = TypeVar("Item")
+
+
+def read_ahead(items: Iterable[Item]) -> Generator[Item]:
+    """The same items, such as observations; a thread reads the next ones while the caller works on one."""
+    stream, end = iter(items), object()
+    with ThreadPoolExecutor(1) as reader:
+        waiting = deque(reader.submit(next, stream, end) for _ in range(_FRAMES_AHEAD))
+        try:
+            while (item := waiting.popleft().result()) is not end:
+                waiting.append(reader.submit(next, stream, end))
+                yield item  # type: ignore[misc]
+        finally:
+            for task in waiting:
+                task.cancel()

@@ -19,10 +19,11 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
-from mmocap_warp.masks.observation import KeptObservations, Observation, read_ahead
+from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.masks.repeats import repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
+from mmocap_warp.scene.frame_choice import read_ahead
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
 from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker

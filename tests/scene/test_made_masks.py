@@ -247,7 +247,7 @@ def test_how_masks_are_cleaned_needs_no_subtraction(subtractions: list[int], tmp
 
 def test_masks_are_kept_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "mmocap_warp.masks.observation._FRAMES_AHEAD", 1
+        "mmocap_warp.scene.frame_choice._FRAMES_AHEAD", 1
     )  # else all are read when the first is asked for
     stream = load_scene(write_scene(tmp_path, "clean_plate")).masks()
     next(stream)

@@ -122,7 +122,7 @@ def test_few_frames_are_in_memory(folder: Path, monkeypatch: pytest.MonkeyPatch)
 
     decoded = []
     original = module.decode_mask
-    monkeypatch.setattr("mmocap_warp.masks.observation._FRAMES_AHEAD", 1)
+    monkeypatch.setattr("mmocap_warp.scene.frame_choice._FRAMES_AHEAD", 1)
     monkeypatch.setattr(module, "decode_mask", lambda *image: decoded.append(0) or original(*image))
     stream = load_scene(folder).masks()
     for frame in range(3):

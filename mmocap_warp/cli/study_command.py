@@ -9,12 +9,12 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli import COMMANDS
-from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, attributes, command, several
+from mmocap_warp.cli.command import ANY_NUMBER, BY_PLACE, Answer, Given, attributes, command, several
 from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
 if TYPE_CHECKING:
@@ -185,7 +185,12 @@ def _ablation_table(rows: list[dict[str, Any]]) -> str:
 
 
 @bench_app.default
-@command("studies:benchmark", order="device threads compare output", compare=Annotated[Path | None, _COMPARE])
+@command(
+    "studies:benchmark",
+    order="device threads compare output",
+    compare=Annotated[Path | None, _COMPARE],
+    what=Given(Literal["kernels", "end-to-end"], kind=BY_PLACE),
+)
 def bench(call: Any, compare: Path | None) -> Answer:
     from mmocap_warp.bench.report_file import read_report, rendered, to_text
 

@@ -19,7 +19,7 @@ from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.kernels.benchmarks.timing import Case, Check
 from mmocap_warp.masks.cleanup import clean_mask
 from mmocap_warp.masks.mask_settings import ForegroundSettings
-from mmocap_warp.result.result import Result
+from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
@@ -52,10 +52,8 @@ class Walk:
     @cached_property
     def subject(self) -> Subject:
         """A body like the one that walks, where that really starts."""
-        truth = read_truth(ROOT / "walk" / "truth.usdc")
-        assert truth.pose is not None
-        assert truth.root_base is not None
-        return Subject(read_body(ROOT / "bodies" / "adult_woman.usdc"), truth.root_base, truth.pose[0], {})
+        truth, body = read_truth(ROOT / "walk" / "truth.usdc"), read_body(ROOT / "bodies" / "adult_woman.usdc")
+        return Subject(body, np.asarray(truth.root_base), np.asarray(truth.pose)[0], {})
 
     @property
     def rig(self) -> CameraRig:
@@ -65,17 +63,13 @@ class Walk:
     @property
     def sizes(self) -> dict[str, int]:
         """Cameras, pixels of one of them, and triangles."""
-        width, height = self.rig.size[0].tolist()
-        return {
-            "cameras": len(self.rig),
-            "pixels": width * height,
-            "triangles": len(self.subject.body.tracking_face),
-        }
+        triangles = len(self.subject.body.tracking_face)
+        return {"cameras": len(self.rig), "pixels": int(self.rig.size[0].prod()), "triangles": triangles}
 
     @property
     def height(self) -> float:
         """Of the body in the first frame's images, mean over the cameras [px]."""
-        return float(np.mean([np.ptp(np.flatnonzero(mask.any(axis=1))) for mask in next(self.scene.masks(self.scale))]))
+        return float(np.mean([np.ptp(np.nonzero(mask)[0]) for mask in next(self.scene.masks(self.scale))]))
 
     def tracked(self, config: TrackConfig, file: Path) -> Result:
         """All that is done for a result, which is written."""
@@ -93,38 +87,33 @@ def end_to_end(walk: Walk, device: str, threads: list[int]) -> Iterator[list[Cas
         file = Path(folder) / "result.usdc"
         for number in threads:
             config = TrackConfig(device=device, threads=number)
-            sizes = {"frames": walk.frames, **({"threads": number} if device == "cpu" else {})}
-            works = _stages(walk, config, file)
-            yield [_case(END_TO_END, name, sizes, work, walk) for name, work in works.items()]
-        half, few = max(1, walk.frames // 2), max(2, len(walk.scene.cameras) // 2)
+            sizes = {"frames": walk.frames} | ({"threads": number} if device == "cpu" else {})
+            yield [_case(END_TO_END, *each, sizes, walk) for each in _stages(walk, config, file).items()]
+        half, few = max(1, walk.frames // 2), max(2, len(walk.rig) // 2)
         grown = [walk, replace(walk, frames=half), replace(walk, cameras=few), replace(walk, scale=walk.scale / 2)]
         yield [
             _case(
-                GROWTH,
-                "whole",
-                {"frames": one.frames, "views": len(one.rig), "rows": int(one.rig.size[0, 1])},
-                work,
-                one,
+                GROWTH, "whole", partial(one.tracked, config, file),
+                {"frames": one.frames, "views": len(one.rig), "rows": int(one.rig.size[0, 1])}, one,
             )
             for one in grown
-            for work in [partial(one.tracked, config, file)]
-        ]
+        ]  # fmt: skip
 
 
 def _stages(walk: Walk, config: TrackConfig, file: Path) -> dict[str, Callable[[], Any]]:
     """What is done one after the other, each with what the one before made."""
-    scene, subject, rig = walk.scene, walk.subject, walk.rig
+    scene, subject, rig, scale = walk.scene, walk.subject, walk.rig, walk.scale
     as_read = replace(scene, foreground=ForegroundSettings())
-    raw, seen = list(as_read.masks(walk.scale)), list(scene.observations(walk.scale))
+    raw, seen = list(as_read.masks(scale)), list(scene.observations(scale))
     fitter = make_fitter(subject, rig, config, 1)
 
-    def answers() -> list[Any]:
+    def answers() -> list[FrameAnswer]:
         return list(track_frames(make_tracker(subject, rig, config, scene.rate), seen))
 
     followed = collect(subject, rig, scene.fps, config, answers())
     return {
-        "decode": lambda: list(as_read.masks(walk.scale)),
-        "clean": lambda: [[clean_mask(mask, scene.foreground, walk.scale) for mask in views] for views in raw],
+        "decode": lambda: list(as_read.masks(scale)),
+        "clean": lambda: [[clean_mask(mask, scene.foreground, scale) for mask in views] for views in raw],
         "fields": lambda: [fitter.observe(0, each) for each in seen],
         "track": answers,
         "solve": lambda: smoothed(followed, config, seen),
@@ -133,7 +122,7 @@ def _stages(walk: Walk, config: TrackConfig, file: Path) -> dict[str, Callable[[
     }
 
 
-def _case(group: str, name: str, sizes: dict[str, int], work: Callable[[], Any], walk: Walk) -> Case:
+def _case(group: str, name: str, work: Callable[[], Any], sizes: dict[str, int], walk: Walk) -> Case:
     def check() -> Check:
         """The walk is followed; what the stages do is a part of that."""
         overlap = float(np.nanmean(work().iou)) if name == "whole" else 1.0

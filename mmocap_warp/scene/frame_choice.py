@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 from typing import Protocol, TypeVar
 
 from mmocap_warp.masks.frames import VideoFile
@@ -102,11 +102,10 @@ def frames_by_number(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) 
         yield image
 
 
-def read_together(streams: Sequence[Iterator[Image]]) -> Iterator[list[Image]]:
-    """What streams of one length yield, an item of each at a time; a thread for each reads ahead, to its end."""
-    with ExitStack() as stack:
-        ahead = [stack.enter_context(closing(read_ahead(stream))) for stream in streams]
-        yield from map(list, zip(*ahead, strict=True))
+def read_together(streams: Sequence[Iterator[Image]], pool: Executor) -> Iterator[list[Image]]:
+    """What streams of one length yield, an item of each at a time, read at once; they are read to their ends."""
+    while all(items := list(pool.map(lambda stream: list(islice(stream, 1)), streams))):
+        yield [item for (item,) in items]
 
 
 _FRAMES_AHEAD = 4  # that are read while one is tracked

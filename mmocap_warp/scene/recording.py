@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from itertools import repeat
 from math import ceil
@@ -29,7 +30,7 @@ from mmocap_warp.masks.mask_settings import SUBTRACTION, ForegroundSettings
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.subtraction import learn_background
 from mmocap_warp.masks.visual_hull import repair_masks
-from mmocap_warp.scene.frame_choice import frames_by_number, read_together
+from mmocap_warp.scene.frame_choice import frames_by_number, read_ahead, read_together
 from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash, store_masks, stored_masks
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import content_hash
@@ -332,9 +333,12 @@ class Scene:
             return nothing if mask is None else keep_mended(mask, self.foreground, scale, lambda: last[k])
 
         kept: list[np.ndarray] = empty
-        with ThreadPoolExecutor(min(len(empty), available_threads())) as pool:  # OpenCV lets other threads run
-            streams = [mended(k) for k in range(len(empty))]
-            for frame, masks in zip(read, read_together(streams), strict=True):
+        count = min(len(empty), available_threads())  # OpenCV lets other threads run
+        with ExitStack() as stack:
+            pool, reading = (stack.enter_context(ThreadPoolExecutor(count)) for _ in range(2))
+            streams = read_together([mended(k) for k in range(len(empty))], reading)
+            ahead = stack.enter_context(closing(read_ahead(streams)))
+            for frame, masks in zip(read, ahead, strict=True):
                 if frame not in followed:
                     continue
                 last = kept if body is None else body()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 
 from mmocap_warp.errors import InputError
@@ -15,7 +17,8 @@ def test_streams_are_read_abreast_to_their_ends():
         yield from (10 * k + i if i != 1 else None for i in range(3))
         ended.append(k)
 
-    assert list(read_together([stream(k) for k in range(3)])) == [[0, 10, 20], [None] * 3, [2, 12, 22]]
+    with ThreadPoolExecutor(2) as pool:
+        assert list(read_together([stream(k) for k in range(3)], pool)) == [[0, 10, 20], [None] * 3, [2, 12, 22]]
     assert sorted(ended) == [0, 1, 2]
 
 
@@ -24,7 +27,8 @@ def test_the_first_streams_error_is_told():
         yield k
         raise InputError(f"camera{k}.png", "is damaged", "replace it")
 
-    together = read_together([broken(0), broken(1)])
-    assert next(together) == [0, 1]
-    with pytest.raises(InputError, match="camera0"):
-        next(together)
+    with ThreadPoolExecutor(2) as pool:
+        together = read_together([broken(0), broken(1)], pool)
+        assert next(together) == [0, 1]
+        with pytest.raises(InputError, match="camera0"):
+            next(together)

@@ -12,21 +12,29 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.result.result import Result
 from mmocap_warp.scene.frame_choice import as_range
-from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.recording import Scene, ViewMasks
 
 
-def body_silhouettes(subject: Subject, rig: CameraRig) -> Callable[[np.ndarray], list[np.ndarray]]:
+def body_silhouettes(subject: Subject, rig: CameraRig) -> Callable[[np.ndarray], ViewMasks]:
     """From poses (run, coordinate) of a subject, per camera (height, width) bool where it is seen in any of them.
 
     The cameras are undistorted, at the masks' size.
     """
     poser, faces = Poser(subject.body, subject.root_base), subject.body.tracking_face
 
-    def masks(poses: np.ndarray) -> list[np.ndarray]:
-        runs = [silhouettes(rig, vertices, faces) for vertices in poser.tracking_vertices(poses)]
-        return [np.logical_or.reduce(views) for views in zip(*runs, strict=True)]
+    return lambda poses: _Views(rig, poser.tracking_vertices(poses), faces)
 
-    return masks
+
+class _Views:
+    """Where bodies (run, vertex, 3) are seen by a camera that is asked for, which few are: that takes a while."""
+
+    def __init__(self, rig: CameraRig, bodies: np.ndarray, faces: np.ndarray) -> None:
+        self._rig, self._bodies, self._faces = rig, bodies, faces
+
+    def __getitem__(self, k: int) -> np.ndarray:
+        camera = self._rig.select((self._rig.names[k],))
+        masks: np.ndarray = np.logical_or.reduce([silhouettes(camera, each, self._faces)[0] for each in self._bodies])
+        return masks
 
 
 def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[list[np.ndarray]]:

@@ -21,10 +21,11 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
-from mmocap_warp.masks.observation import KeptObservations, Observation, read_ahead
+from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.masks.repeats import repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
+from mmocap_warp.scene.frame_choice import read_ahead
 from mmocap_warp.tracking.body_masks import body_silhouettes, tracked_masks
 from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
@@ -37,7 +38,7 @@ from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.versions import versions
 
 if TYPE_CHECKING:
-    from mmocap_warp.scene.recording import Scene
+    from mmocap_warp.scene.recording import Scene, ViewMasks
 
 FrameReport = Callable[[int, FrameAnswer], None]
 """Called after every frame with its position and answer."""
@@ -174,7 +175,7 @@ def track(
             observations = chain(earlier, observations)
         poses = [answers[number].pose for number in again]
 
-        def body_before(place: int) -> list[np.ndarray]:
+        def body_before(place: int) -> ViewMasks:
             return silhouettes_of(poses[place - 1] if place < len(poses) else tracker.state.pose)
 
         observations = islice(with_holes(observations, scene.rate, body_before), len(again), None)

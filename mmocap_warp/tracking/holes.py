@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.masks.observation import Observation, pack_masks, unpack_masks
+from mmocap_warp.scene.recording import ViewMasks
 
 HOLE_SECONDS = 1.0
 """A hole is followed for so long at most [s]."""
@@ -22,7 +23,7 @@ _SMALLER = 0.5  # of what vanished, by how much the mask is smaller: what moved 
 _MARGIN = 4.0  # of such discs' radius, by which a hole may be larger: an arm beside the trunk is in it, too
 _CLOSED = 0.25  # of what vanished, less than which the body misses where a hole has closed
 
-BodyBefore = Callable[[int], list[np.ndarray]]
+BodyBefore = Callable[[int], ViewMasks]
 """From a position, the silhouettes (height, width) bool of the body as it was tracked in the frame before."""
 
 
@@ -35,7 +36,7 @@ class _Hole:
     margin: int  # by which it may go on beyond them [px]
     shown: np.ndarray  # (height, width) bool, where the mask has been since: no hole is there
 
-    def followed(self, seen: Observation, silhouettes: list[np.ndarray]) -> _Hole | None:
+    def followed(self, seen: Observation, silhouettes: ViewMasks) -> _Hole | None:
         """The hole in the next frame, where the tracked body has some silhouettes; None where it has closed."""
         mask = _unpacked(seen.words[self.view])
         shown, silhouette = self.shown | mask, silhouettes[self.view]

@@ -139,9 +139,11 @@ class DistanceFields:
         old, fields = self._workings.room, self.struct
         if room > old:
             places = fields.box.shape[0]
-            value = wp.zeros(places * room, dtype=wp.float32, device=self._device)
-            for place in range(places if old else 0):
-                wp.copy(value, fields.value, place * room, place * old, old)
+            value = wp.empty(places * room, dtype=wp.float32, device=self._device)
+            boxes = fields.box.numpy()
+            used = pixels_of(boxes[..., 2], boxes[..., 3]).sum(axis=1).tolist()
+            for place in np.flatnonzero(used).tolist():
+                wp.copy(value, fields.value, place * room, place * old, used[place])
             fields.start.assign(fields.start.numpy() + ((room - old) * np.arange(places, dtype=np.int32))[:, None])
             fields.value = value
             self._workings.room = room

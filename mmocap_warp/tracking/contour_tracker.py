@@ -101,19 +101,21 @@ class ContourTracker:
         self._uncovered = UncoveredArea(subject, rig)
         self._look_interval = look_interval(abs(fps))
         first = np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0)
-        self._state = ContourState.at(first, len(subject.body.skeleton.parts))
+        self._state, self._has_searched = ContourState.at(first, len(subject.body.skeleton.parts)), True
 
     @property
     def state(self) -> ContourState:
         """All that the next frame depends on."""
-        if self.search is None:
-            return self._state
-        memory = tuple(array.numpy().copy() for array in self.search.memory)
-        return replace(self._state, counter=self.search.counter.numpy().copy(), search_memory=memory)
+        if self.search and self._has_searched:  # else what the search keeps is what it was
+            memory = tuple(array.numpy().copy() for array in self.search.memory)
+            counter = self.search.counter.numpy().copy()
+            self._state = replace(self._state, counter=counter, search_memory=memory)
+            self._has_searched = False
+        return self._state
 
     @state.setter
     def state(self, state: ContourState) -> None:
-        self._state = state
+        self._state, self._has_searched = state, True
         if self.search:
             self.search.counter.assign(state.counter)
             self.search.remember(state.search_memory)
@@ -255,6 +257,7 @@ class ContourTracker:
         counter = search.counter.numpy().copy()
         search.best_pose.assign(self._state.pose)
         search.run()
+        self._has_searched = True
         search.counter.assign(np.where(wanted, search.counter.numpy(), counter).astype(np.int32))
         starts: np.ndarray = search.best_pose.numpy()[:, None].copy()
         return starts

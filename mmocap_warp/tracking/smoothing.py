@@ -17,6 +17,7 @@ from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip.backward_pass import AHEAD, STARTS, BackwardPass
 from mmocap_warp.contour.clip.clip_problem import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
+from mmocap_warp.contour.clip.device_band import DeviceBand
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.clip.uncertainty import (
     USUAL_MISFIT,
@@ -32,6 +33,7 @@ from mmocap_warp.contour.clip.uncertainty import (
 from mmocap_warp.contour.frame.fitter import WIDE
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
+from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.shipped import deviation_factors
@@ -145,6 +147,8 @@ class _MaskWindow:
 
     Attributes:
         pairs: coordinates (coordinate,) of each pair of limbs.
+        points: what is kept from accelerating.
+        band: what solves the clip's steps on a GPU; None on the CPU.
         reading: how long reading took so far [s].
     """
 
@@ -159,6 +163,10 @@ class _MaskWindow:
         self.body_changes = body_changes(subject.body)
         self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(self.body_changes.sigma))
         self._body_fitter.set_change(self.body_changes.vertex, self.body_changes.joint)
+        # A GPU solves the clip's steps as well; all runs share it.
+        self.points = MotionPoints(subject.body.skeleton, subject.body.joint_rest, self.searched)
+        device = resolve_device(config.device)
+        self.band = None if device == "cpu" else DeviceBand(self.points, self._places, device)
         self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
         self._wide_fitter = make_fitter(subject, raw.cameras, config, max(1, len(self.pairs)), matching=WIDE)
         self._objective = make_objective(subject, raw.cameras, config, max(candidates, len(raw.pose)))
@@ -264,14 +272,15 @@ class _RunSmoother:
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
         self._mending = mending
-        points = self._points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
+        points = self._points = masks.points
         coordinates = [limb.coordinates for limb in limbs(skeleton)]
         from_rest = masks.pairs_from_rest if masks.pairs else None
         backward = BackwardPass(
             self._descend, self._linearise, self._rooting, points,
             raw.rate, self._area_costs, coordinates, from_rest, self,
         )  # fmt: skip
-        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, None if mending else backward)
+        second_opinion = None if mending else backward
+        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, second_opinion, masks.band)
         has_masks = np.isfinite(raw.iou).any(axis=(0, 2)) & (raw.status[0] != _REPEATED)
         acceleration = config.acceleration or ACCELERATION
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(acceleration), has_masks)

@@ -145,6 +145,7 @@ class ContourFitter:
         self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.struct.frame)]
         self._replays, self._recordings = Replays(device), Recordings()
         self._answers = Download([self.descent.best, self.descent.tally])
+        self._summed_up = Download([self._sums.triangle.reshape((*view, triangle_words(width))), self._sums.tally])
 
     def observe(self, place: int, observation: Observation) -> None:
         """Put a frame's masks into one of the places for frames."""
@@ -249,8 +250,14 @@ class ContourFitter:
             if neighbours and self.late:
                 self.move(rooted[part], neighbours[part])
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
-            self._work.run(lambda batch: self._again(batch, 0, self._sum), part.stop - part.start)
-            yield part.stop - part.start
+            count = part.stop - part.start
+            self._replays.run(("sums", count, *self._baked), partial(self._sum_up, count))
+            yield count
+
+    def _sum_up(self, count: int) -> None:
+        """Sum up the first candidates' poses, and have the sums on their way to the host."""
+        self._work.run(lambda batch: self._again(batch, 0, self._sum), count)
+        self._summed_up.fetch(count)
 
     def start_at(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> None:
         """Set the first candidates' poses (n, coordinate), root bases (n, 3, 3), and the places of their frames."""
@@ -345,8 +352,8 @@ class ContourFitter:
 
     def _sums_of_views(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (candidate, camera, element) and costs (candidate, camera), float64."""
-        triangle = self._sums.triangle.numpy().reshape(self.candidates, -1, triangle_words(self._width))
-        return triangle[:count].astype(np.float64), self._sums.tally.numpy()[:count, :, 0].astype(np.float64)
+        triangle, tally = self._summed_up.read(count)
+        return triangle.astype(np.float64), tally[:, :, 0].astype(np.float64)
 
     def _unpacked(self, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Matrices (..., n, n) and gradients (..., n) of triangles (..., element)."""

@@ -1,0 +1,229 @@
+"""A clip's damped step: a symmetric matrix whose blocks couple a frame with the next two, put together and solved.
+
+Two frames make a block, so that a block is coupled with its neighbours only. Every other block is eliminated, then
+every other one of those that remain, until one is left (cyclic reduction): blocks of one round do not wait for each
+other. All is summed in a fixed order and in double precision.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from mmocap_warp.kernels.block import lanes_of, sync
+
+wp.set_module_options({"enable_backward": False})
+
+_POINT_ROWS = wp.constant(12)  # rows of a joint's four points
+_ROWS_A_THREAD = wp.constant(3)
+
+
+@wp.struct
+class Course:
+    """How a body's points move in consecutive frames, of which the first are held."""
+
+    coordinate: wp.array[wp.int32]  # (dof,) the searched coordinates
+    below: wp.array2d[wp.int32]  # (joint, joint) 1 where a joint carries another one, or is it
+    slides: wp.array[wp.int32]  # (joint,) 1 where it slides along its axes
+    point: wp.array2d[wp.vec3d]  # (frame, point) four of each joint [m]
+    axes: wp.array2d[wp.mat33d]  # (frame, joint) in the rows: what its angles turn about
+    weight: wp.array3d[wp.float64]  # (frame, frames apart, joint) of the penalty: 0, 1 and 2, by the earlier frame
+    pull: wp.array2d[wp.float64]  # (frame, row) the direction in which the penalty falls
+    slope: wp.array3d[wp.float64]  # (frame, row, dof) the points' derivatives, three rows each
+
+
+@wp.struct
+class Band:
+    """The system of the frames that are not held, and its solution."""
+
+    own: wp.array3d[wp.float64]  # (frame, dof, dof) what each frame by itself adds
+    right: wp.array2d[wp.float64]  # (frame, dof) and on the right hand
+    # (block, column, row): column c of a block has its own rows, those of the blocks before and after that it is still
+    # coupled with, and the right hand; once it is eliminated, these multiplied by the inverse of its factor
+    panel: wp.array3d[wp.float64]
+    solution: wp.array2d[wp.float64]  # (block, column)
+
+
+@wp.kernel
+def _differentiate_points(
+    scale: wp.float64,
+    # in and out
+    course: Course,
+) -> None:
+    f, p, d = wp.tid()
+    j = p // 4
+    c = course.coordinate[d]
+    slope = wp.vec3d()
+    if c < 3:
+        slope[c] = wp.float64(1.0)
+    else:
+        joint = (c - 3) // 3
+        if course.below[joint, j] > 0:
+            slope = course.axes[f, joint][(c - 3) % 3]
+            if course.slides[joint] == 0:
+                slope = wp.cross(slope, course.point[f, p] - course.point[f, 4 * joint])
+    for i in range(_ROWS_A_THREAD):
+        course.slope[f, 3 * p + i, d] = scale * slope[i]
+
+
+@wp.kernel
+def _put_together(
+    course: Course,
+    held: int,
+    frames: int,
+    # in and out
+    band: Band,
+) -> None:
+    i, column, row = wp.tid()
+    size = band.panel.shape[1]
+    n = size // 2
+    f = 2 * i + column // n
+    a = column % n
+    part = row // size  # the block itself, the one before, the one after, the right hand
+    at = row % size
+    other = 2 * (i + wp.where(part == 2, 1, -part)) + at // n
+    total = wp.float64(0.0)
+    if f < frames and part == 3:
+        total = band.right[f, a]
+        for r in range(course.slope.shape[1]):
+            total += course.slope[held + f, r, a] * course.pull[held + f, r]
+    elif f < frames and other >= 0 and other < frames:
+        b = at % n
+        apart = wp.abs(f - other)
+        if apart == 0:
+            total = band.own[f, a, b]
+        if apart <= 2:
+            first = held + wp.min(f, other)
+            for r in range(course.slope.shape[1]):
+                weighted = course.weight[first, apart, r // _POINT_ROWS] * course.slope[held + other, r, b]
+                total += course.slope[held + f, r, a] * weighted
+    elif f >= frames and part == 0 and at == column:
+        total = wp.float64(1.0)  # the last block may have one frame
+    band.panel[i, column, row] = total
+
+
+@wp.kernel
+def _eliminate(
+    first: int,
+    stride: int,
+    lanes: int,
+    # in and out
+    band: Band,
+) -> None:
+    own, lane = wp.tid()
+    i = first + stride * own
+    rows = band.panel.shape[2]
+    for p in range(band.panel.shape[1]):
+        for row in range(p + lane, rows, lanes):
+            rest = band.panel[i, p, row]
+            for q in range(p):
+                rest -= band.panel[i, q, row] * band.panel[i, q, p]
+            band.panel[i, p, row] = rest
+        sync()
+        pivot = wp.sqrt(band.panel[i, p, p])  # which stays as it is, squared
+        for row in range(p + 1 + lane, rows, lanes):
+            band.panel[i, p, row] = band.panel[i, p, row] / pivot
+        sync()
+
+
+@wp.func
+def _product(band: Band, i: int, left: int, right: int) -> wp.float64:
+    """Of two rows of an eliminated block."""
+    total = wp.float64(0.0)
+    for p in range(band.panel.shape[1]):
+        total += band.panel[i, p, left] * band.panel[i, p, right]
+    return total
+
+
+@wp.kernel
+def _take_off(
+    apart: int,
+    blocks: int,
+    # in and out
+    band: Band,
+) -> None:
+    own, column, row = wp.tid()
+    i = 2 * apart * own
+    size = band.panel.shape[1]
+    part = row // size
+    at = row % size
+    total = wp.float64(0.0)
+    if part == 0 or part == 3:
+        total = band.panel[i, column, row]
+    before = 2 * size + column  # this column, as the block before knows it
+    after = size + column
+    if i >= apart:
+        if part == 0:
+            total -= _product(band, i - apart, before, 2 * size + at)
+        elif part == 1 or part == 3:
+            total -= _product(band, i - apart, before, row)
+    if i + apart < blocks:
+        if part == 0:
+            total -= _product(band, i + apart, after, size + at)
+        elif part == 2 or part == 3:
+            total -= _product(band, i + apart, after, row)
+    band.panel[i, column, row] = total
+
+
+@wp.kernel
+def _way_back(
+    first: int,
+    stride: int,
+    apart: int,
+    blocks: int,
+    lanes: int,
+    # in and out
+    band: Band,
+) -> None:
+    own, lane = wp.tid()
+    i = first + stride * own
+    size = band.panel.shape[1]
+    for p in range(lane, size, lanes):
+        rest = band.panel[i, p, 3 * size]
+        for q in range(size):
+            if i >= apart:
+                rest -= band.panel[i, p, size + q] * band.solution[i - apart, q]
+            if i + apart < blocks:
+                rest -= band.panel[i, p, 2 * size + q] * band.solution[i + apart, q]
+        band.solution[i, p] = rest
+    sync()
+    for back in range(size):
+        p = size - 1 - back
+        solved = band.solution[i, p] / wp.sqrt(band.panel[i, p, p])
+        sync()
+        for q in range(lane, p + 1, lanes):
+            band.solution[i, q] = wp.where(q == p, solved, band.solution[i, q] - band.panel[i, q, p] * solved)
+        sync()
+
+
+def put_together(course: Any, held: int, frames: int, band: Any) -> None:
+    """The matrix ``sum_r slope^T weight slope + own`` of frames behind those that are held, and its right hand."""
+    device, blocks = band.panel.device, (frames + 1) // 2
+    points = (held + frames, course.point.shape[1], course.coordinate.shape[0])
+    wp.launch(_differentiate_points, points, [0.5], [course], device=device)
+    wp.launch(_put_together, (blocks, *band.panel.shape[1:]), [course, held, frames], [band], device=device)
+
+
+def solve(frames: int, band: Any) -> None:
+    """The solution of a band of so many frames; NaN where the matrix is not positive definite."""
+    device, blocks = band.panel.device, (frames + 1) // 2
+    lanes = lanes_of(device)
+
+    def eliminate(first: int, stride: int, count: int) -> None:
+        wp.launch(_eliminate, (count, lanes), [first, stride, lanes], [band], block_dim=lanes, device=device)
+
+    def go_back(first: int, stride: int, apart: int, count: int) -> None:
+        inputs = [first, stride, apart, blocks, lanes]
+        wp.launch(_way_back, (count, lanes), inputs, [band], block_dim=lanes, device=device)
+
+    apart, rounds = 1, []
+    while apart < blocks:
+        gone = (blocks - 1 - apart) // (2 * apart) + 1
+        remaining = (blocks - 1) // (2 * apart) + 1
+        eliminate(apart, 2 * apart, gone)
+        wp.launch(_take_off, (remaining, *band.panel.shape[1:]), [apart, blocks], [band], device=device)
+        rounds.append((apart, gone))
+        apart *= 2
+    eliminate(0, 1, 1)
+    go_back(0, 1, blocks, 1)
+    for apart, gone in reversed(rounds):
+        go_back(apart, 2 * apart, apart, gone)

@@ -1,0 +1,83 @@
+"""A clip's damped steps on a GPU, where putting a band together and solving it would take most of a host's time."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.contour.clip.motion_penalty import HELD, PenaltyTerms
+from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.device.transfers import Download, Replays, Upload
+from mmocap_warp.kernels.contour import band as band_kernels
+from mmocap_warp.kernels.contour.band import Band, Course, put_together, solve
+from mmocap_warp.kernels.structs import allocated
+
+_VALUES_A_JOINT = 3 * POINTS_A_JOINT
+
+
+class DeviceBand:
+    """Room for the systems of so many consecutive frames, and what solves them.
+
+    Args:
+        points: what is kept from accelerating.
+        frames: frames that are solved together, at most; those that are held come on top.
+        device: a Warp device.
+    """
+
+    def __init__(self, points: MotionPoints, frames: int, device: str) -> None:
+        self._points = points
+        joints, dof, blocks, rows = len(points.below), len(points.searched), (frames + 1) // 2, frames + HELD
+        self._course = allocated(
+            Course,
+            device,
+            coordinate=np.array(points.searched),
+            below=points.below.astype(int),
+            slides=points.slides.astype(int),
+            point=(rows, joints * POINTS_A_JOINT),
+            axes=(rows, joints),
+            weight=(rows, 3, joints),
+            pull=(rows, joints * _VALUES_A_JOINT),
+            slope=(rows, joints * _VALUES_A_JOINT, dof),
+        )
+        size = 2 * dof
+        self._band = allocated(
+            Band,
+            device,
+            own=(frames, dof, dof),
+            right=(frames, dof),
+            panel=(blocks, size, 3 * size + 1),
+            solution=(blocks, size),
+        )
+        wp.load_module(band_kernels, device=device)
+        course, band = self._course, self._band
+        self._sent = [Upload(a) for a in (course.point, course.axes, course.weight, course.pull, band.own, band.right)]
+        self._solution, self._replays = Download([band.solution]), Replays(device)
+
+    def solved(self, rooted: RootedPoses, held: int, terms: PenaltyTerms, equations: NormalEquations) -> np.ndarray:
+        """The step (frame, dof) from poses of which the first are ``held``, under the penalty's terms.
+
+        ``equations`` (frame,) are what each frame that is not held says by itself.
+
+        Raises:
+            numpy.linalg.LinAlgError: the matrix is not positive definite.
+        """
+        point, axes = self._points.with_axes(rooted)
+        weight, pull = np.swapaxes(terms.couplings, 0, 1), terms.pull.reshape(len(rooted), -1)
+        for upload, values in zip(
+            self._sent, (point, axes, weight, pull, equations.matrix, equations.gradient), strict=True
+        ):
+            upload.values[: len(values)] = values
+            upload.send(len(values))
+        frames = len(rooted) - held
+        self._replays.run((held, frames), lambda: self._launch(held, frames))
+        step = self._solution.read((frames + 1) // 2)[0].reshape(-1, equations.gradient.shape[1])[:frames]
+        if not np.isfinite(step).all():
+            raise np.linalg.LinAlgError("the matrix of a clip's step is not positive definite")
+        return step
+
+    def _launch(self, held: int, frames: int) -> None:
+        put_together(self._course, held, frames, self._band)
+        solve(frames, self._band)
+        self._solution.fetch((frames + 1) // 2)

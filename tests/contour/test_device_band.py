@@ -1,0 +1,70 @@
+"""Steps that kernels solve are those of NumPy's band."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from other_bodies import arm_robot
+from planted import swung
+from synthetic import synthetic_body
+
+from mmocap_warp.contour.clip.device_band import DeviceBand
+from mmocap_warp.contour.clip.motion_penalty import HELD, MotionPenalty
+from mmocap_warp.contour.clip.motion_points import MotionPoints
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses
+
+BODIES = {"person": synthetic_body(), "arm": arm_robot()}
+ROOM, RATE = 21, 30.0
+PENALTY = MotionPenalty(3.0, RATE)
+
+
+class Case:
+    """A body that moves, room for its frames, and what each frame says."""
+
+    def __init__(self, name: str, device: str) -> None:
+        body = BODIES[name]
+        self.points = MotionPoints(body.skeleton, body.joint_rest, body.skeleton.searched())
+        rows, dof = ROOM + HELD, len(self.points.searched)
+        rng = np.random.default_rng(0)
+        self.rooted = RootedPoses(np.tile(np.eye(3), (rows, 1, 1)), swung(body, rows, RATE))
+        jacobian = rng.normal(size=(ROOM, 2 * dof, dof))
+        self.own = NormalEquations(
+            20.0 * np.swapaxes(jacobian, 1, 2) @ jacobian, rng.normal(size=(ROOM, dof)), np.zeros(ROOM)
+        )
+        self.band = DeviceBand(self.points, ROOM, device)
+        for array in (self.band._course.slope, self.band._band.panel, self.band._band.solution):
+            array.fill_(np.nan)
+
+    def solved(self, held: int, frames: int) -> np.ndarray:
+        """The kernels' step."""
+        rooted, seen = self.rooted[: held + frames], np.arange(held + frames) != 4
+        return self.band.solved(rooted, held, PENALTY.terms(self.points.at(rooted), seen), self.own[:frames])
+
+    def expected(self, held: int, frames: int) -> np.ndarray:
+        """NumPy's."""
+        rooted, seen = self.rooted[: held + frames], np.arange(held + frames) != 4
+        motion = PENALTY.around(*self.points.linearised(rooted), seen).without_first(held)
+        own = self.own[:frames]
+        return (motion.band + own.matrix).solved(own.gradient + motion.gradient)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_steps_are_those_of_the_band(name, device):
+    case = Case(name, device)
+    for held, frames in [(0, ROOM), (HELD, ROOM), (2, 8), (HELD, 2), (0, 1), (HELD, 11)] * 3:  # anew, then from graphs
+        step, expected = case.solved(held, frames), case.expected(held, frames)
+        np.testing.assert_allclose(step, expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
+
+
+def test_steps_are_the_same_bits_however_often_they_are_asked_for(device):
+    case = Case("arm", device)
+    first, *others = (case.solved(HELD, ROOM) for _ in range(4))
+    assert all((other == first).all() for other in others)
+
+
+def test_a_matrix_that_is_not_positive_definite_is_refused(device):
+    case = Case("arm", device)
+    case.own.matrix[3] = -1e9 * np.eye(case.own.matrix.shape[1])
+    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+        case.solved(0, ROOM)

@@ -223,8 +223,8 @@ class _MaskWindow:
             self._judged = frame
         for first in range(0, len(pose), objective.candidates):
             part = slice(first, min(first + objective.candidates, len(pose)))
-            cost[part] = objective.costs(pose[part])
-            iou[part] = overlap(objective.count.numpy()[: part.stop - first], observation)
+            cost[part], count = objective.judged(pose[part])
+            iou[part] = overlap(count, observation)
         return cost, iou
 
     def uncovered(self, frame: int, poses: np.ndarray) -> list[Uncovered]:

@@ -137,6 +137,7 @@ class ContourFitter:
         self._residuals = allocated(Residuals, device, normal=edge, weighted=edge, tally=edge)
         columns = OWN if lens else 0
         self._width = width = len(self.index) + parameters + columns + 1
+        self._row_and_column = np.tril_indices(width)
         self._rows = allocated(Rows, device, value=math.prod(edge) * width, width=width, own=columns)
         self._sums = allocated(Sums, device, triangle=math.prod(view) * triangle_words(width), tally=view)
         self.descent = make_descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
@@ -357,7 +358,7 @@ class ContourFitter:
 
     def _unpacked(self, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Matrices (..., n, n) and gradients (..., n) of triangles (..., element)."""
-        row, column = np.tril_indices(self._width)
+        row, column = self._row_and_column
         full = np.zeros((*triangle.shape[:-1], self._width, self._width))
         full[..., row, column] = full[..., column, row] = triangle
         n = self._width - 1

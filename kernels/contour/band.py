@@ -125,15 +125,6 @@ def _eliminate(
         sync()
 
 
-@wp.func
-def _product(band: Band, i: int, left: int, right: int) -> wp.float64:
-    """Of two rows of an eliminated block."""
-    total = wp.float64(0.0)
-    for p in range(band.panel.shape[1]):
-        total += band.panel[i, p, left] * band.panel[i, p, right]
-    return total
-
-
 @wp.kernel
 def _take_off(
     apart: int,
@@ -145,22 +136,16 @@ def _take_off(
     i = 2 * apart * own
     size = band.panel.shape[1]
     part = row // size
-    at = row % size
     total = wp.float64(0.0)
     if part == 0 or part == 3:
         total = band.panel[i, column, row]
-    before = 2 * size + column  # this column, as the block before knows it
-    after = size + column
-    if i >= apart:
-        if part == 0:
-            total -= _product(band, i - apart, before, 2 * size + at)
-        elif part == 1 or part == 3:
-            total -= _product(band, i - apart, before, row)
-    if i + apart < blocks:
-        if part == 0:
-            total -= _product(band, i + apart, after, size + at)
-        elif part == 2 or part == 3:
-            total -= _product(band, i + apart, after, row)
+    for side in range(2):
+        other = i + (2 * side - 1) * apart
+        if other >= 0 and other < blocks and (part == 0 or part == 1 + side or part == 3):
+            mine = (2 - side) * size  # where that block has its rows of this one
+            theirs = wp.where(part == 0, mine + row, row)
+            for p in range(size):
+                total -= band.panel[other, p, mine + column] * band.panel[other, p, theirs]
     band.panel[i, column, row] = total
 
 
@@ -179,11 +164,11 @@ def _way_back(
     size = band.panel.shape[1]
     for p in range(lane, size, lanes):
         rest = band.panel[i, p, 3 * size]
-        for q in range(size):
-            if i >= apart:
-                rest -= band.panel[i, p, size + q] * band.solution[i - apart, q]
-            if i + apart < blocks:
-                rest -= band.panel[i, p, 2 * size + q] * band.solution[i + apart, q]
+        for side in range(2):
+            other = i + (2 * side - 1) * apart
+            if other >= 0 and other < blocks:
+                for q in range(size):
+                    rest -= band.panel[i, p, (1 + side) * size + q] * band.solution[other, q]
         band.solution[i, p] = rest
     sync()
     for back in range(size):

@@ -98,7 +98,7 @@ class ContourTracker:
         descent, judge = self._fitter.descent, self._judge
         self._answers = Download([descent.best, descent.tally, judge.cost, judge.count])
         self._replays = Replays(self.device)
-        self._uncovered = UncoveredArea(subject, rig)
+        self._uncovered = UncoveredArea(subject, rig, self.device)
         self._look_interval = look_interval(abs(fps))
         first = np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0)
         self._state, self._has_searched = ContourState.at(first, len(subject.body.skeleton.parts)), True

@@ -170,7 +170,7 @@ class _MaskWindow:
         self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
         self._wide_fitter = make_fitter(subject, raw.cameras, config, max(1, len(self.pairs)), matching=WIDE)
         self._objective = make_objective(subject, raw.cameras, config, max(candidates, len(raw.pose)))
-        self._uncovered = UncoveredArea(subject, raw.cameras)
+        self._uncovered = UncoveredArea(subject, raw.cameras, resolve_device(config.device))
         self.starts = RecoveryStarts(subject, raw.cameras, config)
         self._judged: int | None = None  # the frame that the objective observes
         self._unread: Iterator[Observation] = iter(observations)

@@ -13,8 +13,6 @@ from mmocap_warp.kernels.launching import launch
 
 wp.set_module_options({"enable_backward": False})
 
-LARGEST_RADIUS = 6
-"""Of the disc of cells around one in which there is no skin, where that is three times as deep as cells are apart."""
 LANES = 256
 """Threads that sum up the skin's points on a GPU."""
 
@@ -50,7 +48,6 @@ class Look:
     most: wp.float64  # a view with more of it shows somebody else [m^2]
     reach: wp.float64  # rays are followed so far before and behind the body's middle [m]
     stride: wp.float64  # between the points of a ray [m]
-    disc: wp.array2d[wp.int32]  # (radius, rows from its middle) half the width of a disc [cells]; -1 beyond it
     point: wp.array[wp.vec3d]  # (point,) the vertices, then the points on faces [m]
     pixel: wp.array2d[wp.vec2d]  # (camera, point) NaN behind the camera
     partial: wp.array[wp.vec3d]  # (lane,) sums of points
@@ -154,9 +151,9 @@ def _mark_skin(
 @wp.func
 def _is_near(look: Look, k: int, column: int, row: int, cells: wp.vec2i) -> bool:
     """Whether a point of the skin lies in a disc of cells around one; rows near the middle are looked at first."""
-    radius = wp.min(look.radius[k], look.disc.shape[0] - 1)
+    radius = look.radius[k]
     for dy in range(radius + 1):
-        wide = look.disc[radius, dy]
+        wide = int(wp.rint(wp.sqrt(float(radius * radius - dy * dy))))
         for side in range(2):
             y = row + (1 - 2 * side) * dy
             if y >= 0 and y < cells[1]:

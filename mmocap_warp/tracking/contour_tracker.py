@@ -294,7 +294,8 @@ class ContourTracker:
         pose, tally, cost, pixels = self._answers.read(starts.shape[0] * starts.shape[1])
         # Of the lengths of exposed outline in the views, the second longest.
         exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)
-        return Candidates(pose, overlap(pixels, observation), exposed, cost)
+        iou = overlap(pixels, observation)
+        return Candidates(pose, iou, exposed, cost, np.nanmean(iou, axis=1))
 
     def _descend(self, starts: np.ndarray, steps: int, *, judged: bool = True) -> None:
         """Let contours lead on from starts (run, start, coordinate), and judge where they lead unless that can wait."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import warp as wp
 
@@ -23,7 +22,6 @@ from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.launching import Recordings
 from mmocap_warp.kernels.silhouettes.beside import (
     LANES,
-    LARGEST_RADIUS,
     Look,
     Sight,
     find_cells,
@@ -129,7 +127,6 @@ class UncoveredArea:
             most=_MOST_AREA * size**2,
             reach=_REACH * size,
             stride=_STEP * size,
-            disc=_discs(),
             point=points,
             pixel=(len(rig), points),
             partial=LANES,
@@ -193,15 +190,6 @@ class UncoveredArea:
         find_cells(self._sight, self._look)
         follow_rays(self._sight, self._look, _LEAST_VIEWS)
         self._answers.fetch(self._cameras)
-
-
-def _discs() -> np.ndarray:
-    """(radius, row) half the width of each row of a disc, from its middle on; -1 beyond it."""
-    discs = np.full((LARGEST_RADIUS + 1, LARGEST_RADIUS + 1), -1, np.int32)
-    for radius, rows in enumerate(discs):
-        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-        rows[: radius + 1] = disc[radius:].sum(axis=1) // 2
-    return discs
 
 
 def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarray, frames: int) -> np.ndarray:

@@ -41,7 +41,7 @@ def test_cells_are_those_of_a_mask_without_skin_in_a_disc_around_them(masks, loo
     skin = np.full((5, look.point.shape[0], 2), 1e9)
     skin[:, :60] = rng.uniform(-30, 200, (5, 60, 2))
     skin[1, :5], skin[2] = np.nan, 1e9
-    step, radius = np.array([1, 2, 3, 4, 0]), np.array([3, 4, 2, 1, 5])
+    step, radius = np.array([1, 2, 3, 4, 0]), np.array([3, 6, 5, 1, 5])
     look.scale.assign(np.array([1e4, 1e4, 1e4, 1.0, 1e4]))  # the fourth view shows more than limbs
     for array, values in ((look.pixel, skin), (look.step, step), (look.radius, radius)):
         array.assign(values)

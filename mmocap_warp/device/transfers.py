@@ -30,10 +30,14 @@ class Upload:
         return self._values
 
     def send(self, rows: int) -> None:
-        """Let the first rows of the values take their place in the device's queue."""
+        """Let the first rows of the values take their place in the device's queue.
+
+        A graph may hold this. Nobody waits for its copies then: read what the graph finds before values are written.
+        """
         if self._sent:
             _copy_rows(self._array, self._host, rows)
-            self._array.device.stream.record_event(self._sent)  # the current device may be another one
+            if not self._array.device.is_capturing:
+                self._array.device.stream.record_event(self._sent)  # the current device may be another one
 
 
 class Download:

@@ -187,12 +187,12 @@ class Objective:
         total = len(poses)
         self._check_room(total)
         self._tried.values[:total] = poses
-        self._tried.send(total)
         self._replays.run((total, id(self._split), *self.addresses), lambda: self._launch(total))
         cost, count = self._judged.read(total)
         return cost, count
 
     def _launch(self, candidates: int) -> None:
+        self._tried.send(candidates)
         self.evaluate(candidates)
         self._judged.fetch(candidates)
 

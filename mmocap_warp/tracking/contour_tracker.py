@@ -304,13 +304,14 @@ class ContourTracker:
         home = np.repeat(self._subject.root_base[None], total, axis=0)
         if fitter.late:
             fitter.follow(np.repeat(self._state.pose, count, axis=0), home, self._fps)
-        fitter.start_at(starts.reshape(total, coordinates), home, np.zeros(total, int))
+        fitter.set_starts(starts.reshape(total, coordinates), home, np.zeros(total, int))
         kind = (total, steps, judged, fitter.fields.addresses, self._judge.addresses, fitter.follows)
         self._replays.run(kind, lambda: self._launch_fit(total, steps, judged))
 
     def _launch_fit(self, total: int, steps: int, judged: bool) -> None:
         """Fit the first poses, judge them where that is wanted, and have the answers on their way to the host."""
         fitter, judge = self._fitter, self._judge
+        fitter.send_starts(total)
         self._root_frame.enter(fitter.descent.pose, fitter.body.root_base)
         fitter.descend(total, steps)
         self._root_frame.leave(fitter.descent.best, fitter.body.root_base)

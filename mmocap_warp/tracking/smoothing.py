@@ -61,6 +61,7 @@ _TRACKED, _PARTIAL, _LOST, _INTERPOLATED, _REPEATED = (
 )
 CANDIDATES = 32
 """Poses that are linearised at a time."""
+_OBSERVED = 8  # frames whose masks a GPU makes fields of at a time
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
 _HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]
 _FALL = 0.03  # overlap below that of the frames before from which a limb may be elsewhere for a moment
@@ -183,7 +184,8 @@ class _MaskWindow:
     ) -> NormalEquations:
         """What the contours say about frames of the window, or further on; nothing about those not ``seen``."""
         while self._read <= frames[-1]:
-            self._observe_next()
+            to_end = self._places - self._read % self._places
+            self._observe(min(_OBSERVED, to_end, int(frames[-1]) + 1 - self._read))
         return self._fitter.linearise(frames % self._places, rooted, neighbours).of_seen(seen)
 
     def descend(
@@ -231,15 +233,14 @@ class _MaskWindow:
         """What poses (pose, coordinate) leave uncovered of a frame's masks."""
         return self._uncovered.of(poses, self._held[frame % self._places])
 
-    def _observe_next(self) -> None:
-        """Read a frame into the place of the oldest one."""
-        started = time.perf_counter()
-        observation = next(self._unread)
+    def _observe(self, count: int) -> None:
+        """Read so many frames into the places of the oldest ones, which follow each other."""
+        started, place = time.perf_counter(), self._read % self._places
+        observations = [next(self._unread) for _ in range(count)]
         self.reading += time.perf_counter() - started
-        place = self._read % self._places
-        self._held[place : place + 1] = [observation]
-        self._fitter.observe(place, observation)
-        self._read += 1
+        self._held[place : place + count] = observations
+        self._fitter.observe_all(observations, place)
+        self._read += count
 
 
 class _RunSmoother:

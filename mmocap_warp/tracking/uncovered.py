@@ -157,7 +157,6 @@ class UncoveredArea:
     def _beside(self, pose: np.ndarray) -> Uncovered:
         """The area beside a pose (coordinate,)."""
         self._posed.values[0] = pose
-        self._posed.send(1)
         self._replays.run("look", lambda: self._recordings.run("look", self._device, self._launch))
         scale, step, count, *of_rays = self._answers.read(self._cameras)
         pixel = (step / np.where(count < 0, np.inf, scale)) ** 2  # the area of a cell [m^2]
@@ -185,6 +184,7 @@ class UncoveredArea:
 
     def _launch(self) -> None:
         """All launches of a look, and what is found on its way to the host."""
+        self._posed.send(1)
         pose_vertices(self._body, self._pose, self._vertex, self._batch, self._joints, self._look.posed)
         place_points(self._sight, self._look)
         find_cells(self._sight, self._look)

@@ -65,11 +65,9 @@ class DeviceBand:
         """
         point, axes = self._points.with_axes(rooted)
         weight, pull = np.swapaxes(terms.couplings, 0, 1), terms.pull.reshape(len(rooted), -1)
-        for upload, values in zip(
-            self._sent, (point, axes, weight, pull, equations.matrix, equations.gradient), strict=True
-        ):
+        sent = point, axes, weight, pull, equations.matrix, equations.gradient
+        for upload, values in zip(self._sent, sent, strict=True):
             upload.values[: len(values)] = values
-            upload.send(len(values))
         frames = len(rooted) - held
         self._replays.run((held, frames), lambda: self._launch(held, frames))
         step = self._solution.read((frames + 1) // 2)[0].reshape(-1, equations.gradient.shape[1])[:frames]
@@ -78,6 +76,11 @@ class DeviceBand:
         return step
 
     def _launch(self, held: int, frames: int) -> None:
+        *of_all, matrix, gradient = self._sent
+        for upload in of_all:
+            upload.send(held + frames)
+        matrix.send(frames)
+        gradient.send(frames)
         put_together(self._course, held, frames, self._band)
         solve(frames, self._band)
         self._solution.fetch((frames + 1) // 2)

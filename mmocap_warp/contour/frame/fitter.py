@@ -250,21 +250,30 @@ class ContourFitter:
             part = slice(first, min(first + self.candidates, len(rooted)))
             if neighbours and self.late:
                 self.move(rooted[part], neighbours[part])
-            self.start_at(rooted.pose[part], rooted.base[part], place[part])
-            count = part.stop - part.start
+            count = self.set_starts(rooted.pose[part], rooted.base[part], place[part])
             self._replays.run(("sums", count, *self._baked), partial(self._sum_up, count))
             yield count
 
     def _sum_up(self, count: int) -> None:
         """Sum up the first candidates' poses, and have the sums on their way to the host."""
+        self.send_starts(count)
         self._work.run(lambda batch: self._again(batch, 0, self._sum), count)
         self._summed_up.fetch(count)
 
     def start_at(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> None:
         """Set the first candidates' poses (n, coordinate), root bases (n, 3, 3), and the places of their frames."""
+        self.send_starts(self.set_starts(pose, base, place))
+
+    def set_starts(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> int:
+        """As :meth:`start_at` on the host alone: they are still to be sent. Returns how many there are."""
         for upload, values in zip(self._starts, (pose, base, place), strict=True):
             upload.values[: len(values)] = values
-            upload.send(len(values))
+        return len(pose)
+
+    def send_starts(self, count: int) -> None:
+        """Send what was set of the first candidates; a graph may hold this."""
+        for upload in self._starts:
+            upload.send(count)
 
     def descend(self, count: int, steps: int) -> None:
         """Take damped steps with the first ``count`` candidates, from ``descent.pose`` towards lower cost.
@@ -285,12 +294,17 @@ class ContourFitter:
             count = part.stop - part.start
             if self.late:
                 self.move(starts[part], neighbours[part])
-            self.start_at(starts.pose[part], starts.base[part], place[part])
-            self.descend(count, steps)
-            self._answers.fetch(count)
+            self.set_starts(starts.pose[part], starts.base[part], place[part])
+            self._replays.run(("answers", count, steps, *self._baked), partial(self._answer, count, steps))
             pose[part], tally = self._answers.read(count)
             cost[part] = 0.5 * tally[:, :, 0].astype(np.float64).sum(axis=1)
         return RootedPoses(starts.base, pose), cost
+
+    def _answer(self, count: int, steps: int) -> None:
+        """Descend from the starts, and have the answers on their way to the host."""
+        self.send_starts(count)
+        self._run(count, steps)
+        self._answers.fetch(count)
 
     def _run(self, count: int, steps: int) -> None:
         descent = self.descent

@@ -50,6 +50,7 @@ class Download:
     def __init__(self, arrays: Sequence[Any]) -> None:
         self._arrays = arrays
         self._host = [_host_side(array) for array in arrays]
+        self._values: list[np.ndarray] = [host.numpy() for host in self._host]
         self._device = arrays[0].device
 
     def fetch(self, rows: int) -> None:
@@ -62,7 +63,7 @@ class Download:
         """Wait, and give copies of the rows that were fetched."""
         if self._device.is_cuda:
             wp.synchronize_stream(self._device.stream)
-        return [host.numpy()[:rows].copy() for host in self._host]
+        return [values[:rows].copy() for values in self._values]
 
 
 class Replays:

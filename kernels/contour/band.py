@@ -41,6 +41,10 @@ class Band:
     # coupled with, and the right hand; once it is eliminated, these multiplied by the inverse of its factor
     panel: wp.array3d[wp.float64]
     solution: wp.array2d[wp.float64]  # (block, column)
+    # (block, row, column) what is left of a block's covariance once its neighbours are known, as a product with its
+    # transpose, and how the block follows that before and that after
+    given: wp.array3d[wp.float64]
+    covariance: wp.array3d[wp.float64]  # (block, row, column) of a block with itself, that before and that after
 
 
 @wp.kernel
@@ -180,6 +184,86 @@ def _way_back(
         sync()
 
 
+@wp.kernel
+def _condition(
+    lanes: int,
+    # in and out
+    band: Band,
+) -> None:
+    i, lane = wp.tid()
+    size = band.panel.shape[1]
+    for column in range(lane, 3 * size, lanes):
+        for back in range(size):
+            p = size - 1 - back
+            rest = wp.where(column == p, wp.float64(1.0), wp.float64(0.0))
+            if column >= size:
+                rest = -band.panel[i, p, column]
+            for q in range(p + 1, size):
+                rest -= band.panel[i, p, q] * band.given[i, q, column]
+            band.given[i, p, column] = rest / wp.sqrt(band.panel[i, p, p])
+
+
+@wp.func
+def _of_neighbours(band: Band, left: int, right: int, apart: int, row: int, column: int) -> wp.float64:
+    """Of the covariance of two blocks, one after the other; the one of them that was eliminated first has it."""
+    size = band.panel.shape[1]
+    if (row < size) == (column < size):
+        return band.covariance[wp.where(row < size, left, right), row % size, column % size]
+    before = wp.min(row, column)
+    after = wp.max(row, column) - size
+    if (left // apart) % 2 == 1:
+        return band.covariance[left, before, 2 * size + after]
+    return band.covariance[right, after, size + before]
+
+
+@wp.kernel
+def _join_neighbours(
+    first: int,
+    stride: int,
+    apart: int,
+    blocks: int,
+    # in and out
+    band: Band,
+) -> None:
+    own, row, column = wp.tid()
+    i = first + stride * own
+    size = band.panel.shape[1]
+    total = wp.float64(0.0)
+    for q in range(2 * size):
+        other = i + wp.where(q < size, -apart, apart)
+        if other < blocks and (column < size or i + apart < blocks):
+            shared = _of_neighbours(band, i - apart, i + apart, 2 * apart, q, column)
+            total += band.given[i, row, size + q] * shared
+    band.covariance[i, row, size + column] = total
+
+
+@wp.kernel
+def _join_own(
+    first: int,
+    stride: int,
+    apart: int,
+    blocks: int,
+    # in and out
+    band: Band,
+) -> None:
+    own, row, column = wp.tid()
+    i = first + stride * own
+    size = band.panel.shape[1]
+    total = wp.float64(0.0)
+    for q in range(size):
+        total += band.given[i, row, q] * band.given[i, column, q]
+    for side in range(2):
+        other = i + (2 * side - 1) * apart
+        if other >= 0 and other < blocks:
+            for q in range((1 + side) * size, (2 + side) * size):
+                total += band.covariance[i, row, q] * band.given[i, column, q]
+    band.covariance[i, row, column] = total
+    n = size // 2
+    f = 2 * i + row // n
+    if row // n == column // n and f < band.own.shape[0]:
+        band.own[f, row % n, column % n] = total
+
+
 def put_together(course: Any, held: int, frames: int, band: Any) -> None:
     """The matrix ``sum_r slope^T weight slope + own`` of frames behind those that are held, and its right hand."""
     device, blocks = band.panel.device, (frames + 1) // 2
@@ -188,27 +272,46 @@ def put_together(course: Any, held: int, frames: int, band: Any) -> None:
     wp.launch(_put_together, (blocks, *band.panel.shape[1:]), [course, held, frames], [band], device=device)
 
 
-def solve(frames: int, band: Any) -> None:
-    """The solution of a band of so many frames; NaN where the matrix is not positive definite."""
+def _rounds(frames: int) -> list[tuple[int, int, int]]:
+    """Of the blocks that each round eliminates the first, how far apart they are coupled, and how many there are."""
+    rounds, apart, blocks = [], 1, (frames + 1) // 2
+    while apart < blocks:
+        rounds.append((apart, apart, (blocks - 1 - apart) // (2 * apart) + 1))
+        apart *= 2
+    return [*rounds, (0, blocks, 1)]
+
+
+def factor(frames: int, band: Any) -> None:
+    """Eliminate the blocks of a band of so many frames; NaN where the matrix is not positive definite."""
     device, blocks = band.panel.device, (frames + 1) // 2
     lanes = lanes_of(device)
+    for first, apart, gone in _rounds(frames):
+        inputs = [first, 2 * apart, lanes]
+        wp.launch(_eliminate, (gone, lanes), inputs, [band], block_dim=lanes, device=device)
+        remain = (blocks - 1) // (2 * apart) + 1
+        if first:
+            wp.launch(_take_off, (remain, *band.panel.shape[1:]), [apart, blocks], [band], device=device)
 
-    def eliminate(first: int, stride: int, count: int) -> None:
-        wp.launch(_eliminate, (count, lanes), [first, stride, lanes], [band], block_dim=lanes, device=device)
 
-    def go_back(first: int, stride: int, apart: int, count: int) -> None:
-        inputs = [first, stride, apart, blocks, lanes]
-        wp.launch(_way_back, (count, lanes), inputs, [band], block_dim=lanes, device=device)
+def solve(frames: int, band: Any) -> None:
+    """Fill the solution of a band that is factored."""
+    device, blocks = band.panel.device, (frames + 1) // 2
+    lanes = lanes_of(device)
+    for first, apart, gone in reversed(_rounds(frames)):
+        inputs = [first, 2 * apart, apart, blocks, lanes]
+        wp.launch(_way_back, (gone, lanes), inputs, [band], block_dim=lanes, device=device)
 
-    apart, rounds = 1, []
-    while apart < blocks:
-        gone = (blocks - 1 - apart) // (2 * apart) + 1
-        remaining = (blocks - 1) // (2 * apart) + 1
-        eliminate(apart, 2 * apart, gone)
-        wp.launch(_take_off, (remaining, *band.panel.shape[1:]), [apart, blocks], [band], device=device)
-        rounds.append((apart, gone))
-        apart *= 2
-    eliminate(0, 1, 1)
-    go_back(0, 1, blocks, 1)
-    for apart, gone in reversed(rounds):
-        go_back(apart, 2 * apart, apart, gone)
+
+def invert(frames: int, band: Any) -> None:
+    """Put the inverse's blocks (frame, dof, dof) on the diagonal into ``own``, of a band that is factored.
+
+    Going back, a block's part of the inverse follows from those of its neighbours (Takahashi, Fagan and Chin, 1973).
+    """
+    device, blocks, size = band.panel.device, (frames + 1) // 2, band.panel.shape[1]
+    lanes = lanes_of(device)
+    wp.launch(_condition, (blocks, lanes), [lanes], [band], block_dim=lanes, device=device)
+    for first, apart, gone in reversed(_rounds(frames)):
+        inputs = [first, 2 * apart, apart, blocks]
+        if first:
+            wp.launch(_join_neighbours, (gone, size, 2 * size), inputs, [band], device=device)
+        wp.launch(_join_own, (gone, size, size), inputs, [band], device=device)

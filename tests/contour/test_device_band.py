@@ -17,6 +17,7 @@ from mmocap_warp.contour.frame.rooted import RootedPoses
 BODIES = {"person": synthetic_body(), "arm": arm_robot()}
 ROOM, RATE = 21, 30.0
 PENALTY = MotionPenalty(3.0, RATE)
+OUTPUTS = "panel", "solution", "given", "covariance"
 
 
 class Case:
@@ -33,7 +34,7 @@ class Case:
             20.0 * np.swapaxes(jacobian, 1, 2) @ jacobian, rng.normal(size=(ROOM, dof)), np.zeros(ROOM)
         )
         self.band = DeviceBand(self.points, ROOM, device)
-        for array in (self.band._course.slope, self.band._band.panel, self.band._band.solution):
+        for array in (self.band._course.slope, *(getattr(self.band._band, name) for name in OUTPUTS)):
             array.fill_(np.nan)
 
     def solved(self, held: int, frames: int) -> np.ndarray:
@@ -55,6 +56,18 @@ def test_steps_are_those_of_the_band(name, device):
     for held, frames in [(0, ROOM), (HELD, ROOM), (2, 8), (HELD, 2), (0, 1), (HELD, 11)] * 3:  # anew, then from graphs
         step, expected = case.solved(held, frames), case.expected(held, frames)
         np.testing.assert_allclose(step, expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_inverses_are_those_of_the_band(name, device):
+    case = Case(name, device)
+    for frames in [ROOM, 1, 2, 3, 8, 11, 13] * 2:
+        rooted, own = case.rooted[:frames], case.own.matrix[:frames]
+        seen = np.arange(frames) != 4
+        inverse = case.band.inverse_diagonal(rooted, PENALTY.terms(case.points.at(rooted), seen), own)
+        motion = PENALTY.around(*case.points.linearised(rooted), seen)
+        expected = (motion.band + own).inverse_diagonal()
+        np.testing.assert_allclose(inverse, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
 
 
 def test_steps_are_the_same_bits_however_often_they_are_asked_for(device):

@@ -11,7 +11,7 @@ from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses
 from mmocap_warp.device.transfers import Download, Replays, Upload
 from mmocap_warp.kernels.contour import band as band_kernels
-from mmocap_warp.kernels.contour.band import Band, Course, put_together, solve
+from mmocap_warp.kernels.contour.band import Band, Course, factor, invert, put_together, solve
 from mmocap_warp.kernels.structs import allocated
 
 _VALUES_A_JOINT = 3 * POINTS_A_JOINT
@@ -49,11 +49,13 @@ class DeviceBand:
             right=(frames, dof),
             panel=(blocks, size, 3 * size + 1),
             solution=(blocks, size),
+            given=(blocks, size, 3 * size),
+            covariance=(blocks, size, 3 * size),
         )
         wp.load_module(band_kernels, device=device)
         course, band = self._course, self._band
         self._sent = [Upload(a) for a in (course.point, course.axes, course.weight, course.pull, band.own, band.right)]
-        self._solution, self._replays = Download([band.solution]), Replays(device)
+        self._solution, self._inverse, self._replays = Download([band.solution]), Download([band.own]), Replays(device)
 
     def solved(self, rooted: RootedPoses, held: int, terms: PenaltyTerms, equations: NormalEquations) -> np.ndarray:
         """The step (frame, dof) from poses of which the first are ``held``, under the penalty's terms.
@@ -63,24 +65,50 @@ class DeviceBand:
         Raises:
             numpy.linalg.LinAlgError: the matrix is not positive definite.
         """
+        self._set(rooted, terms, equations.matrix, equations.gradient)
+        frames = len(rooted) - held
+        self._replays.run((held, frames), lambda: self._solve(held, frames))
+        step = self._solution.read((frames + 1) // 2)[0].reshape(-1, equations.gradient.shape[1])[:frames]
+        return _finite(step)
+
+    def inverse_diagonal(self, rooted: RootedPoses, terms: PenaltyTerms, own: np.ndarray) -> np.ndarray:
+        """The inverse's blocks (frame, dof, dof) on the diagonal, for poses that each say ``own`` (frame, dof, dof).
+
+        Raises:
+            numpy.linalg.LinAlgError: the matrix is not positive definite.
+        """
+        self._set(rooted, terms, own, np.zeros(own.shape[:2]))
+        frames = len(rooted)
+        self._replays.run(frames, lambda: self._invert(frames))
+        return _finite(self._inverse.read(frames)[0])
+
+    def _set(self, rooted: RootedPoses, terms: PenaltyTerms, own: np.ndarray, right: np.ndarray) -> None:
         point, axes = self._points.with_axes(rooted)
         weight, pull = np.swapaxes(terms.couplings, 0, 1), terms.pull.reshape(len(rooted), -1)
-        sent = point, axes, weight, pull, equations.matrix, equations.gradient
-        for upload, values in zip(self._sent, sent, strict=True):
+        for upload, values in zip(self._sent, (point, axes, weight, pull, own, right), strict=True):
             upload.values[: len(values)] = values
-        frames = len(rooted) - held
-        self._replays.run((held, frames), lambda: self._launch(held, frames))
-        step = self._solution.read((frames + 1) // 2)[0].reshape(-1, equations.gradient.shape[1])[:frames]
-        if not np.isfinite(step).all():
-            raise np.linalg.LinAlgError("the matrix of a clip's step is not positive definite")
-        return step
 
-    def _launch(self, held: int, frames: int) -> None:
-        *of_all, matrix, gradient = self._sent
-        for upload in of_all:
-            upload.send(held + frames)
-        matrix.send(frames)
-        gradient.send(frames)
-        put_together(self._course, held, frames, self._band)
+    def _solve(self, held: int, frames: int) -> None:
+        self._factor(held, frames)
         solve(frames, self._band)
         self._solution.fetch((frames + 1) // 2)
+
+    def _invert(self, frames: int) -> None:
+        self._factor(0, frames)
+        invert(frames, self._band)
+        self._inverse.fetch(frames)
+
+    def _factor(self, held: int, frames: int) -> None:
+        *of_all, own, right = self._sent
+        for upload in of_all:
+            upload.send(held + frames)
+        own.send(frames)
+        right.send(frames)
+        put_together(self._course, held, frames, self._band)
+        factor(frames, self._band)
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    if not np.isfinite(values).all():
+        raise np.linalg.LinAlgError("the matrix of a clip is not positive definite")
+    return values

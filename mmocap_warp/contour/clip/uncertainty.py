@@ -118,9 +118,12 @@ def marginal_covariance(
         rooted: their poses, solved.
         acceleration: of the penalty that they were solved under [m/s^2].
     """
-    points = problem.points.linearised(rooted)
-    motion = MotionPenalty(acceleration, problem.rate).around(*points, contour.observed)
-    return (motion.band + contour.with_prior(problem.rooting.anywhere**-2.0)).inverse_diagonal()
+    penalty, own = MotionPenalty(acceleration, problem.rate), contour.with_prior(problem.rooting.anywhere**-2.0)
+    if problem.band:
+        terms = penalty.terms(problem.points.at(rooted), contour.observed)
+        return problem.band.inverse_diagonal(rooted, terms, own)
+    motion = penalty.around(*problem.points.linearised(rooted), contour.observed)
+    return (motion.band + own).inverse_diagonal()
 
 
 @dataclass(frozen=True, eq=False)

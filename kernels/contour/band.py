@@ -42,7 +42,7 @@ class Band:
     panel: wp.array3d[wp.float64]
     solution: wp.array2d[wp.float64]  # (block, column)
     # (block, row, column) what is left of a block's covariance once its neighbours are known, as a product with its
-    # transpose, and how the block follows that before and that after
+    # transpose; how the block follows that before and that after; and its solution where these are zero
     given: wp.array3d[wp.float64]
     covariance: wp.array3d[wp.float64]  # (block, row, column) of a block with itself, that before and that after
 
@@ -108,13 +108,13 @@ def _put_together(
 @wp.kernel
 def _eliminate(
     first: int,
-    stride: int,
+    apart: int,
     lanes: int,
     # in and out
     band: Band,
 ) -> None:
     own, lane = wp.tid()
-    i = first + stride * own
+    i = first + 2 * apart * own
     rows = band.panel.shape[2]
     for p in range(band.panel.shape[1]):
         for row in range(p + lane, rows, lanes):
@@ -154,37 +154,6 @@ def _take_off(
 
 
 @wp.kernel
-def _way_back(
-    first: int,
-    stride: int,
-    apart: int,
-    blocks: int,
-    lanes: int,
-    # in and out
-    band: Band,
-) -> None:
-    own, lane = wp.tid()
-    i = first + stride * own
-    size = band.panel.shape[1]
-    for p in range(lane, size, lanes):
-        rest = band.panel[i, p, 3 * size]
-        for side in range(2):
-            other = i + (2 * side - 1) * apart
-            if other >= 0 and other < blocks:
-                for q in range(size):
-                    rest -= band.panel[i, p, (1 + side) * size + q] * band.solution[other, q]
-        band.solution[i, p] = rest
-    sync()
-    for back in range(size):
-        p = size - 1 - back
-        solved = band.solution[i, p] / wp.sqrt(band.panel[i, p, p])
-        sync()
-        for q in range(lane, p + 1, lanes):
-            band.solution[i, q] = wp.where(q == p, solved, band.solution[i, q] - band.panel[i, q, p] * solved)
-        sync()
-
-
-@wp.kernel
 def _condition(
     lanes: int,
     # in and out
@@ -192,15 +161,35 @@ def _condition(
 ) -> None:
     i, lane = wp.tid()
     size = band.panel.shape[1]
-    for column in range(lane, 3 * size, lanes):
+    for column in range(lane, 3 * size + 1, lanes):
         for back in range(size):
             p = size - 1 - back
             rest = wp.where(column == p, wp.float64(1.0), wp.float64(0.0))
             if column >= size:
-                rest = -band.panel[i, p, column]
+                rest = wp.where(column < 3 * size, -band.panel[i, p, column], band.panel[i, p, column])
             for q in range(p + 1, size):
                 rest -= band.panel[i, p, q] * band.given[i, q, column]
             band.given[i, p, column] = rest / wp.sqrt(band.panel[i, p, p])
+
+
+@wp.kernel
+def _follow(
+    first: int,
+    apart: int,
+    blocks: int,
+    # in and out
+    band: Band,
+) -> None:
+    own, row = wp.tid()
+    i = first + 2 * apart * own
+    size = band.panel.shape[1]
+    total = band.given[i, row, 3 * size]
+    for side in range(2):
+        other = i + (2 * side - 1) * apart
+        if other >= 0 and other < blocks:
+            for q in range(size):
+                total += band.given[i, row, (1 + side) * size + q] * band.solution[other, q]
+    band.solution[i, row] = total
 
 
 @wp.func
@@ -219,14 +208,13 @@ def _of_neighbours(band: Band, left: int, right: int, apart: int, row: int, colu
 @wp.kernel
 def _join_neighbours(
     first: int,
-    stride: int,
     apart: int,
     blocks: int,
     # in and out
     band: Band,
 ) -> None:
     own, row, column = wp.tid()
-    i = first + stride * own
+    i = first + 2 * apart * own
     size = band.panel.shape[1]
     total = wp.float64(0.0)
     for q in range(2 * size):
@@ -240,14 +228,13 @@ def _join_neighbours(
 @wp.kernel
 def _join_own(
     first: int,
-    stride: int,
     apart: int,
     blocks: int,
     # in and out
     band: Band,
 ) -> None:
     own, row, column = wp.tid()
-    i = first + stride * own
+    i = first + 2 * apart * own
     size = band.panel.shape[1]
     total = wp.float64(0.0)
     for q in range(size):
@@ -262,6 +249,11 @@ def _join_own(
     f = 2 * i + row // n
     if row // n == column // n and f < band.own.shape[0]:
         band.own[f, row % n, column % n] = total
+
+
+def _launch(kernel: Any, dim: tuple[int, ...], inputs: list[int], band: Any) -> None:
+    """Inputs end with lanes where a block of them works on each of ``dim``."""
+    wp.launch(kernel, dim, inputs, [band], block_dim=lanes_of(band.panel.device), device=band.panel.device)
 
 
 def put_together(course: Any, held: int, frames: int, band: Any) -> None:
@@ -283,23 +275,19 @@ def _rounds(frames: int) -> list[tuple[int, int, int]]:
 
 def factor(frames: int, band: Any) -> None:
     """Eliminate the blocks of a band of so many frames; NaN where the matrix is not positive definite."""
-    device, blocks = band.panel.device, (frames + 1) // 2
-    lanes = lanes_of(device)
+    blocks, lanes = (frames + 1) // 2, lanes_of(band.panel.device)
     for first, apart, gone in _rounds(frames):
-        inputs = [first, 2 * apart, lanes]
-        wp.launch(_eliminate, (gone, lanes), inputs, [band], block_dim=lanes, device=device)
-        remain = (blocks - 1) // (2 * apart) + 1
+        _launch(_eliminate, (gone, lanes), [first, apart, lanes], band)
         if first:
-            wp.launch(_take_off, (remain, *band.panel.shape[1:]), [apart, blocks], [band], device=device)
+            remain = (blocks - 1) // (2 * apart) + 1
+            _launch(_take_off, (remain, *band.panel.shape[1:]), [apart, blocks], band)
+    _launch(_condition, (blocks, lanes), [lanes], band)
 
 
 def solve(frames: int, band: Any) -> None:
     """Fill the solution of a band that is factored."""
-    device, blocks = band.panel.device, (frames + 1) // 2
-    lanes = lanes_of(device)
     for first, apart, gone in reversed(_rounds(frames)):
-        inputs = [first, 2 * apart, apart, blocks, lanes]
-        wp.launch(_way_back, (gone, lanes), inputs, [band], block_dim=lanes, device=device)
+        _launch(_follow, (gone, band.panel.shape[1]), [first, apart, (frames + 1) // 2], band)
 
 
 def invert(frames: int, band: Any) -> None:
@@ -307,11 +295,9 @@ def invert(frames: int, band: Any) -> None:
 
     Going back, a block's part of the inverse follows from those of its neighbours (Takahashi, Fagan and Chin, 1973).
     """
-    device, blocks, size = band.panel.device, (frames + 1) // 2, band.panel.shape[1]
-    lanes = lanes_of(device)
-    wp.launch(_condition, (blocks, lanes), [lanes], [band], block_dim=lanes, device=device)
+    size = band.panel.shape[1]
     for first, apart, gone in reversed(_rounds(frames)):
-        inputs = [first, 2 * apart, apart, blocks]
+        inputs = [first, apart, (frames + 1) // 2]
         if first:
-            wp.launch(_join_neighbours, (gone, size, 2 * size), inputs, [band], device=device)
-        wp.launch(_join_own, (gone, size, size), inputs, [band], device=device)
+            _launch(_join_neighbours, (gone, size, 2 * size), inputs, band)
+        _launch(_join_own, (gone, size, size), inputs, band)

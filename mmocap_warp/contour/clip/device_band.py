@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -13,8 +16,6 @@ from mmocap_warp.device.transfers import Download, Replays, Upload
 from mmocap_warp.kernels.contour import band as band_kernels
 from mmocap_warp.kernels.contour.band import Band, Course, factor, invert, put_together, solve
 from mmocap_warp.kernels.structs import allocated
-
-_VALUES_A_JOINT = 3 * POINTS_A_JOINT
 
 
 class DeviceBand:
@@ -29,29 +30,18 @@ class DeviceBand:
     def __init__(self, points: MotionPoints, frames: int, device: str) -> None:
         self._points = points
         joints, dof, blocks, rows = len(points.below), len(points.searched), (frames + 1) // 2, frames + HELD
+        size, values = 2 * dof, 3 * POINTS_A_JOINT * joints
         self._course = allocated(
-            Course,
-            device,
-            coordinate=np.array(points.searched),
-            below=points.below.astype(int),
-            slides=points.slides.astype(int),
-            point=(rows, joints * POINTS_A_JOINT),
-            axes=(rows, joints),
-            weight=(rows, 3, joints),
-            pull=(rows, joints * _VALUES_A_JOINT),
-            slope=(rows, joints * _VALUES_A_JOINT, dof),
-        )
-        size = 2 * dof
+            Course, device,
+            coordinate=np.array(points.searched), below=points.below.astype(int), slides=points.slides.astype(int),
+            point=(rows, POINTS_A_JOINT * joints), axes=(rows, joints), weight=(rows, 3, joints),
+            pull=(rows, values), slope=(rows, values, dof),
+        )  # fmt: skip
         self._band = allocated(
-            Band,
-            device,
-            own=(frames, dof, dof),
-            right=(frames, dof),
-            panel=(blocks, size, 3 * size + 1),
-            solution=(blocks, size),
-            given=(blocks, size, 3 * size),
-            covariance=(blocks, size, 3 * size),
-        )
+            Band, device,
+            own=(frames, dof, dof), right=(frames, dof), panel=(blocks, size, 3 * size + 1), solution=(blocks, size),
+            given=(blocks, size, 3 * size + 1), covariance=(blocks, size, 3 * size),
+        )  # fmt: skip
         wp.load_module(band_kernels, device=device)
         course, band = self._course, self._band
         self._sent = [Upload(a) for a in (course.point, course.axes, course.weight, course.pull, band.own, band.right)]
@@ -67,7 +57,7 @@ class DeviceBand:
         """
         self._set(rooted, terms, equations.matrix, equations.gradient)
         frames = len(rooted) - held
-        self._replays.run((held, frames), lambda: self._solve(held, frames))
+        self._replays.run((held, frames), lambda: self._launch(held, frames, solve))
         step = self._solution.read((frames + 1) // 2)[0].reshape(-1, equations.gradient.shape[1])[:frames]
         return _finite(step)
 
@@ -79,7 +69,7 @@ class DeviceBand:
         """
         self._set(rooted, terms, own, np.zeros(own.shape[:2]))
         frames = len(rooted)
-        self._replays.run(frames, lambda: self._invert(frames))
+        self._replays.run(frames, lambda: self._launch(0, frames, invert))
         return _finite(self._inverse.read(frames)[0])
 
     def _set(self, rooted: RootedPoses, terms: PenaltyTerms, own: np.ndarray, right: np.ndarray) -> None:
@@ -88,24 +78,17 @@ class DeviceBand:
         for upload, values in zip(self._sent, (point, axes, weight, pull, own, right), strict=True):
             upload.values[: len(values)] = values
 
-    def _solve(self, held: int, frames: int) -> None:
-        self._factor(held, frames)
-        solve(frames, self._band)
-        self._solution.fetch((frames + 1) // 2)
-
-    def _invert(self, frames: int) -> None:
-        self._factor(0, frames)
-        invert(frames, self._band)
-        self._inverse.fetch(frames)
-
-    def _factor(self, held: int, frames: int) -> None:
-        *of_all, own, right = self._sent
-        for upload in of_all:
+    def _launch(self, held: int, frames: int, work: Callable[[int, Any], None]) -> None:
+        """Put together and factor what was set, do the work, and have both kinds of answers on their way."""
+        for upload in self._sent[:4]:
             upload.send(held + frames)
-        own.send(frames)
-        right.send(frames)
+        for upload in self._sent[4:]:
+            upload.send(frames)
         put_together(self._course, held, frames, self._band)
         factor(frames, self._band)
+        work(frames, self._band)
+        self._solution.fetch((frames + 1) // 2)
+        self._inverse.fetch(frames)
 
 
 def _finite(values: np.ndarray) -> np.ndarray:

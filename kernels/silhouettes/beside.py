@@ -16,9 +16,6 @@ wp.set_module_options({"enable_backward": False})
 LANES = 256
 """Threads that sum up the skin's points on a GPU."""
 
-_SKIN = wp.constant(wp.uint8(1))
-_FOUND = wp.constant(wp.uint8(2))
-
 
 @wp.struct
 class Sight:
@@ -55,9 +52,10 @@ class Look:
     scale: wp.array[wp.float64]  # (camera,) [px/m] there
     step: wp.array[wp.int32]  # (camera,) pixels from a cell to the next; 0 for a view that is left out
     radius: wp.array[wp.int32]  # (camera,) how deep is deep [cells]
-    mark: wp.array2d[wp.uint8]  # (camera, cell) where the skin is, and what is beside it
+    number: wp.array[wp.int32]  # (1,) of the look, from 1 on
+    mark: wp.array2d[wp.int32]  # (camera, cell) the look's number where the skin is, and minus that beside it
     in_row: wp.array2d[wp.int32]  # (camera, row of cells) how many of these
-    count: wp.array[wp.int32]  # (camera,) how many there are; -1 for a view that does not count
+    count: wp.array[wp.int32]  # (camera,) how many there are
     place: wp.array2d[wp.vec3d]  # (camera, ray) [m]
     nearest: wp.array2d[wp.int32]  # (camera, ray) every fourth point of the skin; -1 where nothing is agreed on
     apart: wp.array2d[wp.float64]  # (camera, ray) square of how far that is [m^2]
@@ -96,6 +94,8 @@ def _measure_views(
     for p in range(lane, look.point.shape[0], lanes):
         total += look.point[p]
     look.partial[lane] = total
+    if lane == 0:
+        look.number[0] += 1
     sync()
     middle = wp.vec3d()
     for other in range(lanes):
@@ -106,6 +106,7 @@ def _measure_views(
         look.depth[k] = depth
         look.scale[k] = wp.where(depth > wp.float64(0.0), sight.focal[k] / depth, wp.float64(0.0))
         look.step[k] = 0
+        look.count[k] = 0
         if depth > wp.float64(0.0) and sight.shows[k] > 0:
             look.step[k] = wp.max(1, int(look.cell * look.scale[k]))
             look.radius[k] = wp.max(1, int(wp.rint(look.deep * look.scale[k] / wp.float64(look.step[k]))))
@@ -117,19 +118,6 @@ def _cells(sight: Sight, look: Look, k: int) -> wp.vec2i:
     step = look.step[k]
     size = sight.size[k]
     return wp.where(step > 0, (size + wp.vec2i(step - 1, step - 1)) / wp.max(step, 1), wp.vec2i(0, 0))
-
-
-@wp.kernel
-def _clear(
-    sight: Sight,
-    # in and out
-    look: Look,
-) -> None:
-    k, row = wp.tid()
-    cells = _cells(sight, look, k)
-    if row < cells[1]:
-        for column in range(cells[0]):
-            look.mark[k, row * cells[0] + column] = wp.uint8(0)
 
 
 @wp.kernel
@@ -145,7 +133,7 @@ def _mark_skin(
         y = wp.rint(look.pixel[k, p][1] / wp.float64(look.step[k]))
         within = x >= wp.float64(0.0) and y >= wp.float64(0.0)
         if within and x < wp.float64(cells[0]) and y < wp.float64(cells[1]):
-            look.mark[k, int(y) * cells[0] + int(x)] = _SKIN
+            look.mark[k, int(y) * cells[0] + int(x)] = look.number[0]
 
 
 @wp.func
@@ -158,7 +146,7 @@ def _is_near(look: Look, k: int, column: int, row: int, cells: wp.vec2i) -> bool
             y = row + (1 - 2 * side) * dy
             if y >= 0 and y < cells[1]:
                 for x in range(wp.max(column - wide, 0), wp.min(column + wide, cells[0] - 1) + 1):
-                    if look.mark[k, y * cells[0] + x] == _SKIN:
+                    if look.mark[k, y * cells[0] + x] == look.number[0]:
                         return True
     return False
 
@@ -180,9 +168,11 @@ def _find_cells(
                 for column in range((32 * w + step - 1) // step, wp.min((32 * w + 31) // step + 1, cells[0])):
                     if (word >> wp.uint32(column * step - 32 * w)) & wp.uint32(1) != wp.uint32(0):
                         if not _is_near(look, k, column, row, cells):
-                            look.mark[k, row * cells[0] + column] = _FOUND
+                            look.mark[k, row * cells[0] + column] = -look.number[0]
                             found += 1
     look.in_row[k, row] = found
+    if found > 0:
+        wp.atomic_add(look.count, k, found)
 
 
 @wp.func
@@ -191,17 +181,10 @@ def _area(look: Look, k: int, cells: int) -> wp.float64:
     return wp.float64(cells) * (across * across)
 
 
-@wp.kernel
-def _count_cells(
-    sight: Sight,
-    # in and out
-    look: Look,
-) -> None:
-    k = wp.tid()
-    total = int(0)
-    for row in range(_cells(sight, look, k)[1]):
-        total += look.in_row[k, row]
-    look.count[k] = wp.where(look.step[k] > 0 and _area(look, k, total) <= look.most, total, -1)
+@wp.func
+def _counts(look: Look, k: int) -> bool:
+    """Whether a view has no more beside the body than limbs."""
+    return look.step[k] > 0 and _area(look, k, look.count[k]) <= look.most
 
 
 @wp.func
@@ -216,7 +199,7 @@ def _nth_cell(sight: Sight, look: Look, k: int, number: int) -> wp.vec3d:
     column = int(-1)
     while left >= 0:
         column += 1
-        if look.mark[k, row * cells[0] + column] == _FOUND:
+        if look.mark[k, row * cells[0] + column] == -look.number[0]:
             left -= 1
     step = look.step[k]
     return wp.vec3d(wp.float64(step * column), wp.float64(step * row), wp.float64(1.0))
@@ -227,7 +210,7 @@ def _disagree(sight: Sight, look: Look, own: int, point: wp.vec3d, most: int) ->
     """Whether more other views that count than ``most`` show nothing at a point of the world."""
     against = int(0)
     for k in range(sight.turn.shape[0]):
-        if k != own and look.count[k] >= 0:
+        if k != own and _counts(look, k):
             seen = sight.turn[k] * point + sight.shift[k]
             if seen[2] > wp.float64(0.0):
                 x = wp.rint(seen[0] / seen[2])
@@ -254,9 +237,9 @@ def _follow_rays(
     every = (look.count[k] + look.place.shape[1] - 1) // look.place.shape[1]
     others = int(-1)
     for other in range(sight.turn.shape[0]):
-        others += wp.where(look.count[other] >= 0, 1, 0)
+        others += wp.where(_counts(look, other), 1, 0)
     most = others - wp.max(2, others - wp.where(others >= least_views, 1, 0))
-    if i * every < look.count[k] and most >= 0 and _area(look, k, look.count[k]) >= look.least:
+    if i * every < look.count[k] and most >= 0 and _counts(look, k) and _area(look, k, look.count[k]) >= look.least:
         direction = sight.into_world[k] * _nth_cell(sight, look, k, i * every)
         first = wp.max(look.depth[k] - look.reach, look.stride)
         steps = int(wp.ceil((look.depth[k] + look.reach - first) / look.stride))
@@ -284,11 +267,9 @@ def _follow_rays(
 
 def find_cells(sight: Any, look: Any) -> None:
     """Find each view's cells around which a disc has no point of the skin, whose pixels are known."""
-    device, cameras, rows = look.point.device, look.count.shape[0], look.in_row.shape[1]
-    launch(_clear, (cameras, rows), [sight], [look], device=device)
+    device = look.point.device
     launch(_mark_skin, look.pixel.shape, [sight], [look], device=device)
-    launch(_find_cells, (cameras, rows), [sight], [look], device=device)
-    launch(_count_cells, cameras, [sight], [look], device=device)
+    launch(_find_cells, look.in_row.shape, [sight], [look], device=device)
 
 
 def follow_rays(sight: Any, look: Any, least_views: int) -> None:

@@ -20,14 +20,7 @@ from mmocap_warp.device.transfers import Download, Replays, Upload
 from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.launching import Recordings
-from mmocap_warp.kernels.silhouettes.beside import (
-    LANES,
-    Look,
-    Sight,
-    find_cells,
-    follow_rays,
-    place_points,
-)
+from mmocap_warp.kernels.silhouettes.beside import LANES, Look, Sight, find_cells, follow_rays, place_points
 from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.masks.observation import Observation, words_per_row
 
@@ -100,44 +93,21 @@ class UncoveredArea:
         # What the views see, and what is found there.
         back, turn = np.swapaxes(rig.R, 1, 2), rig.K @ rig.R
         width, height = rig.size.max(axis=0).tolist()
-        self._sight = allocated(
-            Sight,
-            device,
-            word=(len(rig), height, words_per_row(width)),
-            possible=(len(rig), height, words_per_row(width)),
-            shows=len(rig),
-            size=rig.size.astype(np.int32),
-            turn=turn,
-            shift=np.einsum("kij,kj->ki", rig.K, rig.t),
-            focal=rig.K[:, 0, 0].copy(),
-            origin=-np.einsum("kij,kj->ki", back, rig.t),
-            into_world=back @ np.linalg.inv(rig.K),
-        )
+        words = (len(rig), height, words_per_row(width))
+        self._sight = sight = allocated(
+            Sight, device, word=words, possible=words, shows=len(rig), size=rig.size.astype(np.int32), turn=turn,
+            shift=np.einsum("kij,kj->ki", rig.K, rig.t), focal=rig.K[:, 0, 0].copy(),
+            origin=-np.einsum("kij,kj->ki", back, rig.t), into_world=back @ np.linalg.inv(rig.K),
+        )  # fmt: skip
         by_view = dict.fromkeys(("depth", "scale", "step", "radius", "count"), len(rig))
         by_ray = dict.fromkeys(("place", "nearest", "apart"), (len(rig), _MOST_RAYS))
         self._look = look = allocated(
-            Look,
-            device,
-            posed=(1, vertices),
-            corner=corner.astype(np.int32),
-            share=share,
-            cell=_CELL * size,
-            deep=_DEEP * size,
-            least=_LEAST_AREA * size**2,
-            most=_MOST_AREA * size**2,
-            reach=_REACH * size,
-            stride=_STEP * size,
-            point=points,
-            pixel=(len(rig), points),
-            partial=LANES,
-            mark=(len(rig), pixels),
-            in_row=(len(rig), height),
-            **by_view,
-            **by_ray,
-        )
-        pose = wp.zeros((1, body.skeleton.coordinates), dtype=wp.float32, device=device)
-        sight = self._sight
-        self._pose = pose
+            Look, device, posed=(1, vertices), corner=corner.astype(np.int32), share=share,
+            cell=_CELL * size, deep=_DEEP * size, least=_LEAST_AREA * size**2, most=_MOST_AREA * size**2,
+            reach=_REACH * size, stride=_STEP * size, point=points, pixel=(len(rig), points), partial=LANES,
+            number=1, mark=(len(rig), pixels), in_row=(len(rig), height), **by_view, **by_ray,
+        )  # fmt: skip
+        self._pose = pose = wp.zeros((1, body.skeleton.coordinates), dtype=wp.float32, device=device)
         self._masks = [Upload(array) for array in (sight.word, sight.possible, sight.shows)]
         self._posed = Upload(pose)
         self._answers = Download([look.scale, look.step, look.count, look.place, look.nearest, look.apart])
@@ -159,13 +129,14 @@ class UncoveredArea:
         self._posed.values[0] = pose
         self._replays.run("look", lambda: self._recordings.run("look", self._device, self._launch))
         scale, step, count, *of_rays = self._answers.read(self._cameras)
-        pixel = (step / np.where(count < 0, np.inf, scale)) ** 2  # the area of a cell [m^2]
+        pixel = (step / np.where(step > 0, scale, np.inf)) ** 2  # the area of a cell [m^2]
+        counts = np.flatnonzero((step > 0) & (count * pixel <= _MOST_AREA * self._size**2)).tolist()
 
         # What is beside the body in each view, as far as the other views agree, near the body. Views with less than the
         # two that show most do not decide.
         area: list[np.ndarray] = [np.zeros(self._parts)] * 2  # the view with most of it first
         places = [np.empty((0, 3))]
-        for k in sorted(np.flatnonzero(count >= 0).tolist(), key=lambda view: -count[view] * pixel[view]):
+        for k in sorted(counts, key=lambda view: -count[view] * pixel[view]):
             if count[k] * pixel[k] < max(_LEAST_AREA * self._size**2, area[1].sum()):
                 break
             every = -(-count[k] // _MOST_RAYS)

@@ -29,7 +29,8 @@ def looked(masks: list[np.ndarray], device: str) -> tuple[Any, Any]:
     """What has looked at the masks: views and a look whose outputs are spoilt."""
     area = UncoveredArea(SUBJECT, RIG, device)
     area.of(SUBJECT.pose[None], Observation.from_masks(masks))
-    for name in ("mark", "in_row", "count", "place", "nearest", "apart"):
+    area._look.count.zero_()
+    for name in ("mark", "in_row", "place", "nearest", "apart"):
         getattr(area._look, name).fill_(77)
     area._look.scale.fill_(1e4)
     return area._sight, area._look
@@ -42,7 +43,6 @@ def test_cells_are_those_of_a_mask_without_skin_in_a_disc_around_them(masks, loo
     skin[:, :60] = rng.uniform(-30, 200, (5, 60, 2))
     skin[1, :5], skin[2] = np.nan, 1e9
     step, radius = np.array([1, 2, 3, 4, 0]), np.array([3, 6, 5, 1, 5])
-    look.scale.assign(np.array([1e4, 1e4, 1e4, 1.0, 1e4]))  # the fourth view shows more than limbs
     for array, values in ((look.pixel, skin), (look.step, step), (look.radius, radius)):
         array.assign(values)
     find_cells(sight, look)
@@ -54,10 +54,10 @@ def test_cells_are_those_of_a_mask_without_skin_in_a_disc_around_them(masks, loo
         covered[row, column] = 1
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius[k] + 1, 2 * radius[k] + 1))
         expected = mask & (cv2.dilate(covered, disc) == 0)
-        np.testing.assert_array_equal(mark[k, : mask.size].reshape(mask.shape) == 2, expected)
+        np.testing.assert_array_equal(mark[k, : mask.size].reshape(mask.shape) == -1, expected)
         np.testing.assert_array_equal(look.in_row.numpy()[k, : len(mask)], expected.sum(axis=1))
-        assert count[k] == (expected.sum() if k < 3 else -1)
-    assert count[4] == -1
+        assert count[k] == expected.sum()
+    assert count[4] == 0
 
 
 def test_places_are_in_the_middle_of_what_other_masks_leave_open(masks, looked) -> None:
@@ -65,16 +65,16 @@ def test_places_are_in_the_middle_of_what_other_masks_leave_open(masks, looked) 
     rng = np.random.default_rng(5)
     cells = np.sort(rng.permutation(110 * 150)[:90])  # every second one is asked
     pixels, skin = np.stack([cells % 150, cells // 150], axis=1)[::2], rng.normal(0.0, 1.0, (look.point.shape[0], 3))
-    mark, in_row = np.zeros(look.mark.shape, np.uint8), np.zeros(look.in_row.shape, np.int32)
-    mark[2, cells] = 2
+    mark, in_row = np.zeros(look.mark.shape, np.int32), np.zeros(look.in_row.shape, np.int32)
+    mark[2, cells] = -1
     in_row[2, :110] = np.bincount(cells // 150, minlength=110)
     size, depth = SUBJECT.body.relative_size, 3.0
     look.step.fill_(1)
-    look.scale.fill_(100.0)  # an area between too little and too much
+    look.scale.assign(np.array([100.0, 100.0, 100.0, 1.0, 100.0]))  # the fourth view shows more than limbs
     look.depth.fill_(depth)
     for array, values in ((look.mark, mark), (look.in_row, in_row), (look.point, skin)):
         array.assign(values)
-    look.count.assign(np.array([0, 0, 90, -1, 0]))
+    look.count.assign(np.array([0, 0, 90, 1, 0]))
     follow_rays(sight, look, 3)
     depths = np.arange(depth - 1.2 * size, depth + 1.2 * size, 0.03 * size)
     rays = np.column_stack([pixels, np.ones(45)]) @ np.linalg.inv(RIG.K[2]).T
@@ -96,6 +96,6 @@ def test_places_are_in_the_middle_of_what_other_masks_leave_open(masks, looked) 
         assert nearest[i] == distance.argmin()
         np.testing.assert_allclose(look.apart.numpy()[2, i], distance.min() ** 2)
     assert (look.nearest.numpy()[2, 45:] == -1).all()
-    look.count.assign(np.array([-1, 0, 90, -1, -1]))  # two views must agree
+    look.step.assign(np.array([0, 1, 1, 0, 0]))  # two views must agree
     follow_rays(sight, look, 3)
     assert (look.nearest.numpy()[2] == -1).all()

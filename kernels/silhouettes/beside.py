@@ -13,6 +13,8 @@ from mmocap_warp.kernels.launching import launch
 
 wp.set_module_options({"enable_backward": False})
 
+MOST_LOOKS = 32767
+"""Looks that marks can tell apart."""
 LANES = 256
 """Threads that sum up the skin's points on a GPU."""
 
@@ -52,8 +54,8 @@ class Look:
     scale: wp.array[wp.float64]  # (camera,) [px/m] there
     step: wp.array[wp.int32]  # (camera,) pixels from a cell to the next; 0 for a view that is left out
     radius: wp.array[wp.int32]  # (camera,) how deep is deep [cells]
-    number: wp.array[wp.int32]  # (1,) of the look, from 1 on
-    mark: wp.array2d[wp.int32]  # (camera, cell) the look's number where the skin is, and minus that beside it
+    number: wp.array[wp.int32]  # (1,) of the look, from 1 to MOST_LOOKS; marks and this are zeroed then
+    mark: wp.array2d[wp.int16]  # (camera, cell) the look's number where the skin is, and minus that beside it
     in_row: wp.array2d[wp.int32]  # (camera, row of cells) how many of these
     count: wp.array[wp.int32]  # (camera,) how many there are
     place: wp.array2d[wp.vec3d]  # (camera, ray) [m]
@@ -133,7 +135,7 @@ def _mark_skin(
         y = wp.rint(look.pixel[k, p][1] / wp.float64(look.step[k]))
         within = x >= wp.float64(0.0) and y >= wp.float64(0.0)
         if within and x < wp.float64(cells[0]) and y < wp.float64(cells[1]):
-            look.mark[k, int(y) * cells[0] + int(x)] = look.number[0]
+            look.mark[k, int(y) * cells[0] + int(x)] = wp.int16(look.number[0])
 
 
 @wp.func
@@ -146,7 +148,7 @@ def _is_near(look: Look, k: int, column: int, row: int, cells: wp.vec2i) -> bool
             y = row + (1 - 2 * side) * dy
             if y >= 0 and y < cells[1]:
                 for x in range(wp.max(column - wide, 0), wp.min(column + wide, cells[0] - 1) + 1):
-                    if look.mark[k, y * cells[0] + x] == look.number[0]:
+                    if int(look.mark[k, y * cells[0] + x]) == look.number[0]:
                         return True
     return False
 
@@ -168,7 +170,7 @@ def _find_cells(
                 for column in range((32 * w + step - 1) // step, wp.min((32 * w + 31) // step + 1, cells[0])):
                     if (word >> wp.uint32(column * step - 32 * w)) & wp.uint32(1) != wp.uint32(0):
                         if not _is_near(look, k, column, row, cells):
-                            look.mark[k, row * cells[0] + column] = -look.number[0]
+                            look.mark[k, row * cells[0] + column] = wp.int16(-look.number[0])
                             found += 1
     look.in_row[k, row] = found
     if found > 0:
@@ -199,7 +201,7 @@ def _nth_cell(sight: Sight, look: Look, k: int, number: int) -> wp.vec3d:
     column = int(-1)
     while left >= 0:
         column += 1
-        if look.mark[k, row * cells[0] + column] == -look.number[0]:
+        if int(look.mark[k, row * cells[0] + column]) == -look.number[0]:
             left -= 1
     step = look.step[k]
     return wp.vec3d(wp.float64(step * column), wp.float64(step * row), wp.float64(1.0))

@@ -20,7 +20,7 @@ from mmocap_warp.device.transfers import Download, Replays, Upload
 from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.launching import Recordings
-from mmocap_warp.kernels.silhouettes.beside import LANES, Look, Sight, find_cells, follow_rays, place_points
+from mmocap_warp.kernels.silhouettes.beside import LANES, MOST_LOOKS, Look, Sight, find_cells, follow_rays, place_points
 from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.masks.observation import Observation, words_per_row
 
@@ -113,6 +113,7 @@ class UncoveredArea:
         self._answers = Download([look.scale, look.step, look.count, look.place, look.nearest, look.apart])
         self._device, self._replays, self._recordings = device, Replays(device), Recordings()
         self._seen: Observation | None = None
+        self._looks = 0
 
     def of(self, poses: np.ndarray, observation: Observation) -> list[Uncovered]:
         """The area beside poses (n, coordinate), each by itself."""
@@ -126,6 +127,11 @@ class UncoveredArea:
 
     def _beside(self, pose: np.ndarray) -> Uncovered:
         """The area beside a pose (coordinate,)."""
+        if self._looks == MOST_LOOKS:
+            self._look.mark.zero_()
+            self._look.number.zero_()
+            self._looks = 0
+        self._looks += 1
         self._posed.values[0] = pose
         self._replays.run("look", lambda: self._recordings.run("look", self._device, self._launch))
         scale, step, count, *of_rays = self._answers.read(self._cameras)

@@ -65,7 +65,7 @@ def test_places_are_in_the_middle_of_what_other_masks_leave_open(masks, looked) 
     rng = np.random.default_rng(5)
     cells = np.sort(rng.permutation(110 * 150)[:90])  # every second one is asked
     pixels, skin = np.stack([cells % 150, cells // 150], axis=1)[::2], rng.normal(0.0, 1.0, (look.point.shape[0], 3))
-    mark, in_row = np.zeros(look.mark.shape, np.int32), np.zeros(look.in_row.shape, np.int32)
+    mark, in_row = np.zeros(look.mark.shape, np.int16), np.zeros(look.in_row.shape, np.int32)
     mark[2, cells] = -1
     in_row[2, :110] = np.bincount(cells // 150, minlength=110)
     size, depth = SUBJECT.body.relative_size, 3.0

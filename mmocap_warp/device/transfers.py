@@ -30,14 +30,19 @@ class Upload:
         return self._values
 
     def send(self, rows: int) -> None:
-        """Let the first rows of the values take their place in the device's queue.
+        """Let the first rows of the values take their place in the device's queue; a graph may hold this.
 
-        A graph may hold this. Nobody waits for its copies then: read what the graph finds before values are written.
+        Whoever replays it says so by :meth:`sent`, or reads what it finds before the values are written again.
         """
         if self._sent:
             _copy_rows(self._array, self._host, rows)
             if not self._array.device.is_capturing:
-                self._array.device.stream.record_event(self._sent)  # the current device may be another one
+                self.sent()
+
+    def sent(self) -> None:
+        """What was queued last is waited for before the values are written again."""
+        if self._sent:
+            self._array.device.stream.record_event(self._sent)  # the current device may be another one
 
 
 class Download:

@@ -134,13 +134,18 @@ class Objective:
         views = self._silhouettes.views
         if observation.words.shape != views.observed.shape:
             raise ValueError(f"masks are packed as {observation.words.shape}, the rig needs {views.observed.shape}")
-        for upload, values in ((self._observed, observation.words), (self._foreground, observation.foreground)):
-            upload.values[...] = values
-            upload.send(len(values))
+        self._observed.values[...], self._foreground.values[...] = observation.words, observation.foreground
+        self._replays.run("observe", self._send_masks)
+        self._observed.sent()
+        self._foreground.sent()
         if observation.hidden is not None or views.hidden.size:
             if not views.hidden.size:
                 views.hidden = wp.zeros_like(views.observed)
             views.hidden.assign(observation.possible & ~observation.words)
+
+    def _send_masks(self) -> None:
+        self._observed.send(len(self.rig))
+        self._foreground.send(len(self.rig))
 
     @property
     def addresses(self) -> tuple[int | None, ...]:

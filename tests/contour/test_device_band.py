@@ -8,7 +8,7 @@ from other_bodies import arm_robot
 from planted import swung
 from synthetic import synthetic_body
 
-from mmocap_warp.contour.clip.device_band import DeviceBand
+from mmocap_warp.contour.clip.device_band import DeviceBand, Motion
 from mmocap_warp.contour.clip.motion_penalty import HELD, MotionPenalty
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
@@ -40,7 +40,7 @@ class Case:
     def solved(self, held: int, frames: int) -> np.ndarray:
         """The kernels' step."""
         rooted, seen = self.rooted[: held + frames], np.arange(held + frames) != 4
-        return self.band.solved(rooted, held, PENALTY.terms(self.points.at(rooted), seen), self.own[:frames])
+        return self.band.solved(Motion(self.points, rooted, PENALTY, seen), held, self.own[:frames])
 
     def expected(self, held: int, frames: int) -> np.ndarray:
         """NumPy's."""
@@ -64,7 +64,7 @@ def test_inverses_are_those_of_the_band(name, device):
     for frames in [ROOM, 1, 2, 3, 8, 11, 13] * 2:
         rooted, own = case.rooted[:frames], case.own.matrix[:frames]
         seen = np.arange(frames) != 4
-        inverse = case.band.inverse_diagonal(rooted, PENALTY.terms(case.points.at(rooted), seen), own)
+        inverse = case.band.inverse_diagonal(Motion(case.points, rooted, PENALTY, seen), own)
         motion = PENALTY.around(*case.points.linearised(rooted), seen)
         expected = (motion.band + own).inverse_diagonal()
         np.testing.assert_allclose(inverse, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())

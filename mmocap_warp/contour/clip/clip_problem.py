@@ -9,7 +9,7 @@ import numpy as np
 
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip.backward_pass import AHEAD, BackwardPass
-from mmocap_warp.contour.clip.device_band import DeviceBand
+from mmocap_warp.contour.clip.device_band import DeviceBand, Motion
 from mmocap_warp.contour.clip.motion_penalty import HELD, MotionPenalty
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, STOP, Trust
@@ -165,8 +165,8 @@ class ClipProblem:
         says.
         """
         if self.band:
-            terms = penalty.terms(self.points.at(rooted), known)
-            return self.band.solved(rooted, held, terms, own), terms.cost[held:]
+            moving = Motion(self.points, rooted, penalty, known)
+            return self.band.solved(moving, held, own), moving.terms.cost[held:]
         motion = penalty.around(*self.points.linearised(rooted), known).without_first(held)
         return (motion.band + own.matrix).solved(own.gradient + motion.gradient), motion.cost
 

@@ -20,10 +20,6 @@ class MotionPoints:
         skeleton: the joints.
         joint_rest: (joint, 3) their centres in the bind pose [m].
         searched: (dof,) coordinates that the points are differentiated by.
-
-    Attributes:
-        below: (joint, joint) bool, see :class:`~mmocap_warp.body.skeleton.Skeleton`.
-        slides: (joint,) bool.
     """
 
     def __init__(self, skeleton: Skeleton, joint_rest: np.ndarray, searched: np.ndarray) -> None:
@@ -31,7 +27,7 @@ class MotionPoints:
         self._frame = skeleton.frame.astype(float)
         self._rest = np.asarray(joint_rest, float)
         self.searched = [int(coordinate) for coordinate in searched]
-        self.below, self.slides = skeleton.below, skeleton.slides
+        self.below, self.slides = skeleton.below, skeleton.slides  # (joint, joint) and (joint,) bool
 
     def at(self, rooted: RootedPoses) -> np.ndarray:
         """The points of each frame, (frame, point, 3) [m]; joint ``j`` has numbers ``4 j`` to ``4 j + 3``."""

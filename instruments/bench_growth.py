@@ -6,14 +6,14 @@ The plots have logarithmic axes and a line for each device and renderer: one SVG
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from mmocap_warp.bench.evaluations import evaluations
 from mmocap_warp.bench.report_file import Report
 from mmocap_warp.bench.searches import same_frames
 from mmocap_warp.bench.workload import SIZE, Workload, workload
-from mmocap_warp.display.chart import Axis, axes, curve, decades, dots, names_of_curves, picture
+from mmocap_warp.display.chart import Axis, axes, curve, dots, picture, text
 from mmocap_warp.kernels.benchmarks.timing import Case
 
 AXES = ("candidates", "cameras", "pixels", "triangles", "runs")
@@ -47,6 +47,7 @@ def growth(load: Workload, device: str) -> Iterator[list[Case]]:
 
 _WIDTH, _HEIGHT = 640.0, 400.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 76.0, 108.0, 40.0, 52.0  # around the axes; lines are named on the right
+_LINE = 15.0  # between the names of lines
 _COLOURS = {"raycast": "first", "raster": "second"}
 _EACH = f"time of an evaluation, of {BATCH['cpu']} in a call on the CPU and {BATCH['cuda']:,} on the GPU"
 _TITLES = {
@@ -102,7 +103,7 @@ def _plot(axis: str, lines: list[Line]) -> str:
     sizes = sorted({size for line in lines for size, _ in line.points})
     times = [seconds for line in lines for _, seconds in line.points]
     x = Axis(sizes[0], sizes[-1], _LEFT, _WIDTH - _RIGHT, tuple(sizes), "{:,}".format, logarithmic=True)
-    y = decades(min(times), max(times), _HEIGHT - _BOTTOM, _TOP, _time)
+    y = decades(min(times), max(times), _HEIGHT - _BOTTOM, _TOP)
     title, below = _TITLES[axis]
     parts = [axes(x, y, below, title)]
     for line in lines:
@@ -111,6 +112,25 @@ def _plot(axis: str, lines: list[Line]) -> str:
     ends = [(line.name, _COLOURS[line.renderer], y.at(line.points[-1][1])) for line in lines]
     parts.append(names_of_curves(ends, x.stop + 12))
     return picture((_WIDTH, _HEIGHT), f"{title} against {below}", parts)
+
+
+def decades(low: float, high: float, start: float, stop: float) -> Axis:
+    """A logarithmic axis from the power of ten below ``low`` to the one above ``high``, all powers marked."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    powers = tuple(10.0**i for i in range(first, last + 1))
+    return Axis(powers[0], powers[-1], start, stop, powers, _time, logarithmic=True)
+
+
+def names_of_curves(ends: Iterable[tuple[str, str, float]], left: float) -> str:
+    """Names from ``left`` on beside the ends of curves, moved up where they would overlap.
+
+    Of each curve ``ends`` has its name, its class, and how high it ends.
+    """
+    parts, above = [], math.inf
+    for name, kind, height in sorted(ends, key=lambda end: -end[2]):
+        above = min(height + 4, above - _LINE)
+        parts.append(f'<g class="{kind}">{text((left, above), name, "series", "start")}</g>')
+    return "".join(parts)
 
 
 def _time(seconds: float) -> str:

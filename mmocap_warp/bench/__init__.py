@@ -1,4 +1,4 @@
-"""How fast the program is: what ``mmocap bench`` measures, with what, and how it is told.
+"""How fast the program is: what ``mmocap bench`` measures, with what, and its report.
 
 May import: kernels, body, cameras, masks, formats, rigging, silhouettes, optimizers, contour, tracking, display.
 """

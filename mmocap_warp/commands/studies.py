@@ -164,7 +164,7 @@ def report_study(
         alone: a folder of results of one seed, tracked one at a time: what a frame takes. They stand in no table but
             the times.
         force: replace files that exist.
-        reporter: who is told of results that are left out, and of mixed code.
+        reporter: receives results that are left out, and of mixed code.
 
     Raises:
         InputError: no results, or files that cannot be written.
@@ -220,7 +220,7 @@ def benchmark(
         device: auto (the first CUDA device, or the CPU), cpu, or a CUDA device such as cuda:0.
         threads: CPU threads beside one. [default: all]
         force: replace a file that exists.
-        reporter: who is told of each step.
+        reporter: receives each step.
 
     Returns:
         The report; ``ok`` says whether all answers are right.

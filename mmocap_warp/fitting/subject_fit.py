@@ -79,7 +79,7 @@ def fit(
         scene: the recording.
         body: the generic body that the subject's is expected to be near to; it gets what the scene says is attached.
         config: settings; None for those of the scene's [fit] table.
-        progress: told after every stage.
+        progress: called after every stage.
         start_poses: (pose, coordinate); the recording starts in about one of them. None for the body's usual ones.
             Their place and heading are searched.
         settings: fields of :class:`FitConfig` to replace those of ``config``, such as ``headings=4``.
@@ -124,7 +124,7 @@ def fit_clip(
         observations: their masks, such as those of :func:`mmocap_warp.fitting.clip_body.frames_to_follow`; of more
             than one frame all are in memory.
         config: settings; its scale is not used.
-        progress: told after every stage.
+        progress: called after every stage.
         start_poses: see :func:`fit`.
 
     Raises:

@@ -73,12 +73,12 @@ def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: fl
         return bisect.bisect_left(range(1, highest + 1), True, key=too_large)
 
     fitting = {"runs": most("runs", config.runs), "evaluations": most("evaluations", config.budget)}
-    told = " or ".join(f"{name} = {value}" for name, value in fitting.items() if value)
+    smaller = " or ".join(f"{name} = {value}" for name, value in fitting.items() if value)
     raise InputError(
         device,
         f"{config.algorithm} with runs = {config.runs} and evaluations = {config.budget} takes "
         f"about {need / _GB:,.1f} GB of memory, {free / _GB:,.1f} GB are free",
-        f"the most that fits is {told}" if told else "choose fewer runs, a smaller budget and a smaller scale",
+        f"the most that fits is {smaller}" if smaller else "choose fewer runs, a smaller budget and a smaller scale",
     )
 
 

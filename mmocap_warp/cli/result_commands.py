@@ -63,7 +63,13 @@ def _track(
     from mmocap_warp.result.verdict import verdict
 
     changes: dict[str, Any] = {"person": None} if scene.person else {}  # the scene is of that person already
-    resumed = {"resume": True} if whole and not force else {}
+    resumed: dict[str, Any] = {"resume": True} if whole and not force else {}
+    # Cameras that have been refined since the first run ended are those of a second run, which was interrupted.
+    refined, begun = (
+        output.with_name(output.stem + end) for end in (".calibration.toml", f"{output.suffix}.checkpoint")
+    )
+    if resumed and all(map(Path.exists, (output, refined, begun))) and refined.stat().st_mtime > output.stat().st_mtime:
+        resumed["cameras"] = REFINE
     tracked = call(scene=scene, output=output, **changes, **resumed)
     # Cameras that disagree are refined, unless something else is asked for.
     asked = (settings and settings.cameras) or "cameras" in scene.track

@@ -109,14 +109,11 @@ def refine(call: Any, loaded: Scene, output: Path, deviations: Any) -> Answer:
         lines.append(f"{output}: {int(result.moved.any(axis=1).sum())} of {len(result.rig)} cameras changed")
         lines += _scene_lines(result, loaded)
         named = quoted_path(output, loaded.path.resolve().parent)
-        track = ("track", loaded.path, "-o", loaded.path.parent / "result.usdc")
-        if any(source.mask_mark for source in loaded.cameras):
-            lines.append(
-                "the scene's masks belong to the calibration that they were made with; track refines it by itself"
-            )
-            lines.append(f"next: {next_step(*track, '--cameras', REFINE)}")
-        else:
-            lines.append(f"next: set calibration = {named} under [cameras], then {next_step(*track)}")
+        made = any(source.mask_mark for source in loaded.cameras)
+        options = ("--cameras", REFINE) if made else ()
+        step = next_step("track", loaded.path, "-o", loaded.path.parent / "result.usdc", *options)
+        lines += ["the masks belong to the calibration that they were made with"] if made else []
+        lines.append(f"next: {step}" if made else f"next: set calibration = {named} under [cameras], then {step}")
     else:
         why = "held-out frames are not explained better" if result.moved.any() else "no camera has to change"
         lines.append(f"nothing is written: {why}")

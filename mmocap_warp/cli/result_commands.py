@@ -65,9 +65,7 @@ def _track(
     changes: dict[str, Any] = {"person": None} if scene.person else {}  # the scene is of that person already
     resumed: dict[str, Any] = {"resume": True} if whole and not force else {}
     # Cameras that have been refined since the first run ended are those of a second run, which was interrupted.
-    refined, begun = (
-        output.with_name(output.stem + end) for end in (".calibration.toml", f"{output.suffix}.checkpoint")
-    )
+    refined, begun = output.with_suffix(".calibration.toml"), output.with_name(f"{output.name}.checkpoint")
     if resumed and all(map(Path.exists, (output, refined, begun))) and refined.stat().st_mtime > output.stat().st_mtime:
         resumed["cameras"] = REFINE
     tracked = call(scene=scene, output=output, **changes, **resumed)

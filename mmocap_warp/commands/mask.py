@@ -116,9 +116,8 @@ def mask(
         shutil.rmtree(unfinished, ignore_errors=True)
     report = judge.report()
     remedy = _remedy(loaded, folder) if report.faults else None
-    return WrittenMasks(
-        loaded.path, written, folder / "overlay.webm", total, report, remedy, next(iter(consistency), None), loaded
-    )
+    made = next(iter(consistency), None)
+    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, made, loaded)
 
 
 def _loaded(

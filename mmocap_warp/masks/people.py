@@ -18,7 +18,7 @@ _RAYS = 80  # of each label's pixels, which are followed through the other views
 _DEPTHS = np.arange(0.5, 12.0, 0.06)  # along them [m]
 _MIN_SHARE = 0.6  # of a label's rays, on which the person's labels of all views meet. Of a sound one it is 0.7 to 1
 _MIN_VIEWS = 3  # that show a person, or both of two: what two views have in common may be nobody
-_MIN_OVERLAP = 0.1  # intersection over union of a person's masks with those when they were last seen
+_MIN_OVERLAP = 0.2  # share of a person's pixels that were this person's when they were last labelled
 
 
 class People:
@@ -26,43 +26,46 @@ class People:
 
     def __init__(self, rig: CameraRig) -> None:
         self._rig = rig
-        self._masks: dict[int, list[np.ndarray]] = {}  # of each person, when they were last seen
-        self._labels: dict[int, np.ndarray] = {}  # what they had in the images then (camera,)
+        self._last: list[np.ndarray] = []  # per camera whose each pixel was, when it was anybody's
+        self._labels: dict[int, np.ndarray] = {}  # what each person had in the images before (camera,)
         self.views: Counter[int] = Counter()  # how many images show each person
         self.swaps = 0  # how often an image has another label for a person than the one before
 
     def __call__(self, images: list[np.ndarray]) -> list[np.ndarray]:
         """A frame's labels, per camera (height, width) uint8, with people's numbers in place of each view's own."""
-        people, made = self._labels_of_people(images), [np.zeros_like(image) for image in images]
+        self._last = self._last or [np.zeros_like(image) for image in images]
+        people, made = self._people(images), [np.zeros_like(image) for image in images]
         for person, labels in people.items():
             before, self._labels[person] = self._labels.get(person, labels), labels
-            self._masks[person] = _masks(images, labels)
             self.swaps += int(((labels != before) & (labels * before > 0)).sum())
             self.views[person] += int((labels > 0).sum())
-            for image, mask in zip(made, self._masks[person], strict=True):
+            for image, mask in zip(made, _masks(images, labels), strict=True):
                 image[mask] = person
+        self._last = [np.where(new > 0, new, old) for new, old in zip(made, self._last, strict=True)]
         # Whom a view does not show may be part of another's label there: somebody stands before them.
-        for person, labels in people.items():
+        for labels in people.values():
             for k in np.flatnonzero(labels == 0):
-                made[k][self._hull(k, made[k] > 0, self._masks[person])] = UNDECIDED
+                made[k][self._hull(k, made[k] > 0, _masks(images, labels))] = UNDECIDED
         return made
 
-    def _labels_of_people(self, images: list[np.ndarray]) -> dict[int, np.ndarray]:
+    def _people(self, images: list[np.ndarray]) -> dict[int, np.ndarray]:
         """Each person's labels (camera,). Those who have no hull have the labels where they were last seen."""
-        groups, known, pairs = self._groups(images), list(self._masks), dict[int, int]()
-        overlap = np.array([[_overlap(_masks(images, own), self._masks[each]) for each in known] for own in groups])
-        while overlap.size and overlap.max() > _MIN_OVERLAP:
-            g, p = map(int, np.unravel_index(overlap.argmax(), overlap.shape))
-            overlap[g], overlap[:, p], pairs[g] = 0, 0, known[p]
-        new = count(len(known) + 1)
-        people = {pairs[g] if g in pairs else next(new): labels for g, labels in enumerate(groups)}
-        for person in sorted(self._masks.keys() - people.keys()):
-            labels = np.zeros(len(images), int)
-            for k, (image, mask) in enumerate(zip(images, self._masks[person], strict=True)):
-                pixels = np.bincount(image[mask], minlength=UNDECIDED + 1)
-                pixels[[0, *(taken[k] for taken in people.values())]] = 0
-                labels[k] = pixels.argmax()
-            people[person] = labels
+        groups, known, people = dict(enumerate(self._groups(images))), len(self._labels), dict[int, np.ndarray]()
+        overlap = np.zeros((len(groups), 1 + known))
+        for g, labels in groups.items():
+            were = np.concatenate([a[b] for a, b in zip(self._last, _masks(images, labels), strict=True)])
+            overlap[g, 1:] = np.bincount(were, minlength=1 + known)[1:] / len(were)
+        while overlap.max(initial=0) > _MIN_OVERLAP:
+            g, person = map(int, np.unravel_index(overlap.argmax(), overlap.shape))
+            overlap[g], overlap[:, person], people[person] = 0, 0, groups.pop(g)
+        people |= zip(count(1 + known), groups.values(), strict=False)
+        for person in range(1, 1 + known):
+            if person not in people:
+                labels = people[person] = np.zeros(len(images), int)
+                for k, (image, last) in enumerate(zip(images, self._last, strict=True)):
+                    pixels = np.bincount(image[last == person], minlength=1 + UNDECIDED)
+                    pixels[[0, *(taken[k] for taken in people.values())]] = 0
+                    labels[k] = pixels.argmax()
         return people
 
     def _groups(self, images: list[np.ndarray]) -> list[np.ndarray]:
@@ -112,9 +115,3 @@ class People:
 
 def _masks(images: list[np.ndarray], labels: np.ndarray) -> list[np.ndarray]:
     return [(image == label) & (image > 0) for image, label in zip(images, labels, strict=True)]
-
-
-def _overlap(one: list[np.ndarray], other: list[np.ndarray]) -> float:
-    """Intersection over union, of all views together."""
-    pairs = list(zip(one, other, strict=True))
-    return float(sum((a & b).sum() for a, b in pairs) / max(sum((a | b).sum() for a, b in pairs), 1))

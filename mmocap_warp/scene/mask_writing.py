@@ -15,14 +15,13 @@ from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import WebmFile, write_png
 from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
+from mmocap_warp.masks.people import UNDECIDED
 from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.whole_file import file_name, write_whole
 
-# BGR; a colour for each person, the first is the masks' in the overlays of results too.
-_TINTS = np.array([[31, 210, 255], [80, 200, 60], [230, 120, 200], [220, 200, 40]], np.uint8)
+_TINTS = np.uint8([[31, 210, 255], [80, 200, 60], [230, 120, 200], [220, 200, 40]])  # BGR, of people in turn
 _ADDED, _TAKEN = np.array([255, 90, 0], np.uint8), np.array([40, 40, 255], np.uint8)  # BGR: blue, red
-_IN_FRONT = 255  # the label of what may be in front of people
 _VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
 
 
@@ -77,7 +76,12 @@ def write_masks(
             masks = [make(each) for make, each in zip(make_consistent, before, strict=False)] or list(before)
             if refine is not None:
                 before, masks = (), [refine(masks[0], views)]
-            written = _label_images(masks, before, in_front) if scene.people else masks[0]
+            written = masks[0]
+            if scene.people:  # numbered from 1 on; what is filled lies behind what was there before
+                written = [np.where(hides, np.uint8(UNDECIDED), np.uint8(0)) for hides in in_front]
+                for label, of_person in enumerate(zip(masks, before, strict=True), 1):
+                    for labels, mask, old in zip(written, *of_person, strict=True):
+                        labels[mask & (old | (labels == 0))] = label
             list(pool.map(write_png, [each / f"{f:06d}.png" for each in folders], written))
             video.write(draw_masks(masks, views, before))
             if look is not None:
@@ -105,24 +109,12 @@ def mask_mark(scene: Scene, k: int, scale: float, repaired: bool = False) -> Mas
     )
 
 
-def _label_images(
-    masks: list[list[np.ndarray]], before: Sequence[list[np.ndarray]], in_front: list[np.ndarray]
-) -> list[np.ndarray]:
-    """Per camera (height, width) uint8, people from 1 on: what is filled lies behind what was there ``before``."""
-    images = [np.where(hidden, np.uint8(_IN_FRONT), np.uint8(0)) for hidden in in_front]
-    for label, views in enumerate(zip(masks, before, strict=True), 1):
-        for image, mask, old in zip(images, *views, strict=True):
-            image[mask & (old | (image == 0))] = label
-    return images
-
-
 def draw_masks(
     people: Sequence[list[np.ndarray]], images: list[np.ndarray | None], before: Sequence[list[np.ndarray]] = ()
 ) -> np.ndarray:
-    """All views side by side: masks tinted and outlined over the images (BGR), or over gray where there is none.
+    """All views side by side: people's masks tinted and outlined over images (BGR), or over gray where there is none.
 
-    Masks are those of one person or several. What was added to or taken from those that were there ``before`` has
-    colours of its own.
+    What was added to or taken from the masks that were there ``before`` has colours of its own.
     """
     height = min(_VIEW_HEIGHT, max(mask.shape[0] for mask in people[0]))
     views = []
@@ -168,7 +160,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
     for source in scene.cameras:
         media = {"masks": quoted(source.name), "video": path(source.video.path if source.video else None)}
         lines += ["", f"[cameras.{quoted(source.name)}]", *_key_lines(media | _placement(source, scene.fps))]
-    lines += ["", "[labels]", f"thing = {_IN_FRONT}"] if people else []
+    lines += ["", "[labels]", f"thing = {UNDECIDED}"] if people else []
     for number, (name, person) in enumerate(people.items(), 1):
         own = quoted(person.body) if isinstance(person.body, str) else path(person.body)
         about = {"label": str(number), "subject": path(person.subject), "body": own, "truth": path(person.truth)}

@@ -98,21 +98,16 @@ def with_people(scene: Scene, folder: Path, scale: float, note: Callable[[str], 
     ranked = people.views.most_common()
     seen = [person for person, count in ranked if count > _MIN_SEEN * ranked[0][1]]
     who = ", ".join(f"person{n} in {people.views[person]}" for n, person in enumerate(seen, 1))
-    note(
-        f"people: {who or 'nobody'} of {scene.frame_count * len(given)} masks; {people.swaps} swapped labels put right"
-    )
+    all_masks = scene.frame_count * len(given)
+    note(f"people: {who or 'nobody'} of {all_masks} masks; {people.swaps} swapped labels put right")
     if not seen:  # all labels are taken for the subject
         return scene
-    cameras = [
-        replace(source, masks=open_masks(each), label=seen[0], in_front=(UNDECIDED,))
-        for source, each in zip(scene.cameras, folders, strict=True)
-    ]
+    known = [replace(each, label=seen[0], in_front=(UNDECIDED,)) for each in scene.cameras]
+    cameras = (replace(each, masks=open_masks(of)) for each, of in zip(known, folders, strict=True))
     scene = replace(scene, cameras=tuple(cameras))
     if len(seen) == 1:
         return scene
-    note(
-        "people: person1 is tracked; [scene] person in the masks' scene.toml chooses another, and without it everybody"
-    )
+    note("people: person1 is tracked; [scene] person in the masks' scene.toml chooses, without it everybody is")
     named = {f"person{n}": Person((person,) * len(given)) for n, person in enumerate(seen, 1)}
     named["person1"] = replace(named["person1"], subject=scene.subject, truth=scene.truth)
     return replace(scene, foreground=replace(scene.foreground, keep="all"), people=named).of_person("person1")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from mmocap_warp.bench.report_file import FRAME
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.kernels.benchmarks.timing import Case, Check, Measurement, Timing, time_together
 from mmocap_warp.kernels.optimizers.populations import make_space
@@ -21,7 +22,7 @@ from mmocap_warp.tracking.pose_search import Part, hierarchical, holistic
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker, TrackState
 
-OPTIMIZER, GENERATION, FRAME = "ask and tell", "a generation", "a frame"
+OPTIMIZER, GENERATION = "ask and tell", "a generation"
 COST_APART = 1e-5
 """How far the cost of an answer may be from that of the same pose on the CPU."""
 

@@ -57,12 +57,9 @@ def run_suite(
 ) -> dict[str, Any]:
     """Measure; raises nothing where an answer is wrong, but says so.
 
-    Args:
-        plan: what is measured.
-        report_step: called with each step's name.
-        load: what is evaluated, or the walk from files to result; the measure where it is omitted.
-        more: further steps, of the load.
-        packages: whose versions the report has besides those that the program needs.
+    What is measured is the load: the measure where it is omitted, or the walk from files to result. ``more`` are
+    further steps, of the load, and ``packages`` those whose versions the report has besides those that the program
+    needs.
     """
     started, clock, load_before = datetime.now(UTC), time.perf_counter(), _machine_load()
     compiled, load = _compiled_kernels(), load or workload()

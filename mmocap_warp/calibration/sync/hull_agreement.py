@@ -106,12 +106,8 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndar
 class HullAgreement:
     """Hulls of views that may be shifted against one another.
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        views: the masks of each.
-        offsets: (view,) about which lags are tried: the view's frame ``f + offset`` belongs to frame ``f``.
-        reach: distance from these [frames].
-        sampling: density of the samples.
+    Lags are tried up to ``reach`` frames about the ``offsets`` (view,): a view's frame ``f + offset`` belongs to frame
+    ``f``. The cameras are undistorted pinholes, as the masks.
     """
 
     def __init__(

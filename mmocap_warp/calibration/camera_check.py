@@ -123,11 +123,7 @@ def check(
 ) -> CameraCheck:
     """Say which camera of a scene disagrees with the others.
 
-    Args:
-        scene: the recording.
-        body: the generic body that the person's is expected to be near to.
-        config: settings.
-        progress: called after every stage.
+    The body is the generic one that the person's is expected to be near to; ``progress`` is called after every stage.
 
     Raises:
         InputError: masks that show nobody, too few frames in which the person could be tracked.

@@ -71,14 +71,8 @@ def solve_body_in_clip(
 ) -> tuple[Subject, float]:
     """Follow a subject through a clip and solve its body from some of the frames.
 
-    Args:
-        subject: with the pose of the first frame.
-        generic: the body that is expected before anything is seen.
-        rig: undistorted cameras at the masks' size.
-        clip: consecutive frames, such as those of :func:`frames_to_follow`.
-        fps: of these frames.
-        frames: that the body is solved from, at most.
-        config: of the tracker.
+    The subject has the pose of the first frame, and its body is expected to be the generic one. The clip's frames, such
+    as those of :func:`frames_to_follow`, are ``fps`` a second; the body is solved from so many ``frames``, at most.
 
     Returns:
         The solved body in the first frame's pose, and what contours cost in a frame; more, the sooner a frame was lost.

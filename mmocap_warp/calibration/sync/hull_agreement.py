@@ -75,11 +75,8 @@ class HullOffsets:
 def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndarray, reach: int) -> HullOffsets | None:
     """Search for offsets by the hulls of a recording.
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        views: the masks of each.
-        about: (view,) offsets about which they are looked for.
-        reach: distance from these [frames]; 0 where they are nearly right.
+    They are looked for up to ``reach`` frames about those given (view,); 0 where these are nearly right. The cameras
+    are undistorted pinholes, as the masks.
 
     Returns:
         None where there is no frame in which all views see somebody, or where hulls fit about as well elsewhere.

@@ -255,16 +255,11 @@ def combine(
 ) -> Uncertainty:
     """Standard deviations of all that is wrong with poses.
 
-    Both parts are in proportion to the misfit: residuals are as large as they are, not as large as was assumed. The
-    larger they are, the larger is the share of them that is the same in all frames, because masks' noise does not
-    grow: so the second part is in proportion twice, within ``MOST_SYSTEMATIC``.
-
-    Args:
-        noise: from frame to frame.
-        body: in all frames alike.
-        misfit: of the frames [m].
-        widest: (coordinate,) what no coordinate exceeds.
-        usual: misfit, which shrinks with small bodies as the lengths do that contours are matched by [m].
+    Both parts, of noise and of the body, are in proportion to the misfit [m]: residuals are as large as they are, not
+    as large as was assumed. The larger they are, the larger is the share of them that is the same in all frames,
+    because masks' noise does not grow: so the second part is in proportion twice, within ``MOST_SYSTEMATIC``. No
+    coordinate exceeds the ``widest`` (coordinate,). The ``usual`` misfit shrinks with small bodies as the lengths do
+    that contours are matched by [m].
     """
     scale = misfit / usual
     alike = SYSTEMATIC * min(max(scale, 1.0), MOST_SYSTEMATIC)

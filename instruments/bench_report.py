@@ -20,7 +20,7 @@ from bench_contours import contour_frames
 from bench_growth import AXES, growth, growth_lines, growth_plots
 from bench_optimizers import optimizer_peers
 from bench_peers import peers
-from bench_searches import ask_and_tell, frames, measure_generations, same_frames
+from bench_searches import ask_and_tell, frames, measure_generations, moving_parts, same_frames
 
 from mmocap_warp.bench.report_file import Report, heading, read_report, rendered, report_tables, to_text, write_report
 from mmocap_warp.bench.suite import Plan, Steps, run_suite
@@ -62,6 +62,7 @@ def full_report(plan: Plan, against: Sequence[str], growing: bool, load: Workloa
             yield measure(cases, device, seconds if plan.seconds is None else plan.seconds)
 
     more: list[Callable[[Workload], Steps]] = [
+        lambda load: steps(moving_parts(load, device)),
         lambda load: steps(ask_and_tell(load, runs, device), seconds=_SMALL_WORK_SECONDS),
         lambda load: measure_generations(load, device, threads[0], plan.seconds),
         lambda load: steps(frames(load, device, threads[-1])),

@@ -15,7 +15,7 @@ from typing import Any
 import warp as wp
 
 from mmocap_warp.bench.end_to_end import Walk, end_to_end
-from mmocap_warp.bench.evaluations import evaluations, moving_parts, stages
+from mmocap_warp.bench.evaluations import evaluations, stages
 from mmocap_warp.bench.report_file import FORMAT
 from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.timing import Measurement, measure
@@ -93,11 +93,9 @@ def _whole(plan: Plan, walk: Walk) -> Steps:
 
 
 def _steps(plan: Plan, load: Workload) -> Steps:
-    device, threads = plan.device, plan.thread_numbers
-
-    kernels = chain.from_iterable(stages(load, candidates, device) for candidates in plan.kernel_candidates)
-    for cases in chain(kernels, evaluations(load, plan.batches, threads, device), moving_parts(load, device)):
-        yield measure(cases, device, plan.seconds)
+    kernels = chain.from_iterable(stages(load, candidates, plan.device) for candidates in plan.kernel_candidates)
+    for cases in chain(kernels, evaluations(load, plan.batches, plan.thread_numbers, plan.device)):
+        yield measure(cases, plan.device, plan.seconds)
 
 
 def _compiled_kernels() -> set[str]:

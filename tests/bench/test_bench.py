@@ -116,7 +116,6 @@ def bench_one_case(monkeypatch, small):
     def bench(check):
         case = Case("kernels", "raster", {}, lambda: None, lambda: check)
         monkeypatch.setattr(suite_module, "stages", lambda *_: iter([[case]]))
-        monkeypatch.setattr(suite_module, "moving_parts", lambda *_: iter([]))
         return run_suite(Plan("cpu", 1, (), (2,), seconds=0.0), lambda _: None, small)
 
     return bench

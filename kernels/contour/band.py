@@ -26,9 +26,9 @@ class Course:
     slides: wp.array[wp.int32]  # (joint,) 1 where it slides along its axes
     point: wp.array2d[wp.vec3d]  # (frame, point) four of each joint [m]
     axes: wp.array2d[wp.mat33d]  # (frame, joint) in the rows: what its angles turn about
-    weight: wp.array3d[wp.float64]  # (frame, frames apart, joint) of the penalty: 0, 1 and 2, by the earlier frame
+    weight: wp.array3d[wp.float64]  # (frame, frames apart, joint) of the penalty, by the earlier of two frames
     pull: wp.array2d[wp.float64]  # (frame, row) the direction in which the penalty falls
-    slope: wp.array3d[wp.float64]  # (frame, row, dof) the points' derivatives, three rows each
+    slope: wp.array3d[wp.float64]  # (frame, row, dof) half the points' derivatives, three rows each
 
 
 @wp.struct
@@ -49,7 +49,6 @@ class Band:
 
 @wp.kernel
 def _differentiate_points(
-    scale: wp.float64,
     # in and out
     course: Course,
 ) -> None:
@@ -66,7 +65,7 @@ def _differentiate_points(
             if course.slides[joint] == 0:
                 slope = wp.cross(slope, course.point[f, p] - course.point[f, 4 * joint])
     for i in range(_ROWS_A_THREAD):
-        course.slope[f, 3 * p + i, d] = scale * slope[i]
+        course.slope[f, 3 * p + i, d] = wp.float64(0.5) * slope[i]  # a joint's error is the mean over its four points
 
 
 @wp.kernel
@@ -260,7 +259,7 @@ def put_together(course: Any, held: int, frames: int, band: Any) -> None:
     """The matrix ``sum_r slope^T weight slope + own`` of frames behind those that are held, and its right hand."""
     device, blocks = band.panel.device, (frames + 1) // 2
     points = (held + frames, course.point.shape[1], course.coordinate.shape[0])
-    wp.launch(_differentiate_points, points, [0.5], [course], device=device)
+    wp.launch(_differentiate_points, points, [], [course], device=device)
     wp.launch(_put_together, (blocks, *band.panel.shape[1:]), [course, held, frames], [band], device=device)
 
 

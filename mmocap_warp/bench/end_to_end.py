@@ -105,7 +105,7 @@ def _stages(walk: Walk, config: TrackConfig, file: Path) -> dict[str, Callable[[
     scene, subject, rig, scale = walk.scene, walk.subject, walk.rig, walk.scale
     as_read = replace(scene, foreground=ForegroundSettings())
     raw, seen = list(as_read.masks(scale)), list(scene.observations(scale))
-    fitter = make_fitter(subject, rig, config, 1)
+    fitter = make_fitter(subject, rig, config, 1, frames=walk.frames)
 
     def answers() -> list[FrameAnswer]:
         return list(track_frames(make_tracker(subject, rig, config, scene.rate), seen))
@@ -114,7 +114,7 @@ def _stages(walk: Walk, config: TrackConfig, file: Path) -> dict[str, Callable[[
     return {
         "decode": lambda: list(as_read.masks(scale)),
         "clean": lambda: [[clean_mask(mask, scene.foreground, scale) for mask in views] for views in raw],
-        "fields": lambda: [fitter.observe(0, each) for each in seen],
+        "fields": partial(fitter.observe_all, seen),
         "track": answers,
         "solve": lambda: smoothed(followed, config, seen),
         "write": lambda: write_result(file, followed),

@@ -76,7 +76,7 @@ def drop_small(mask: np.ndarray, area: float, connectivity: int) -> np.ndarray:
         return mask
     large[0] = False
     kept = np.zeros_like(mask)
-    kept[part] = large.view(np.uint8).take(label)
+    kept[part] = large.view(np.uint8).take(np.asarray(label))
     return kept
 
 

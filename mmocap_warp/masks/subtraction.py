@@ -56,7 +56,7 @@ class GaussianBackground:
         gain = np.median((image[some].astype(np.float32) + 1) / (self._mean[some] + 1), axis=(0, 1))
         # Most pixels differ from the background, in whole gray levels, by less than any that are far can.
         least = math.floor(self._settings.threshold * self._settings.noise / math.sqrt(3) - 1)
-        background = cv2.multiply(self._mean, (*gain.tolist(), 0.0), dtype=cv2.CV_16S)
+        background = cv2.multiply(self._mean, np.append(gain, 0.0), dtype=cv2.CV_16S)
         difference = cv2.subtract(image, background, dtype=cv2.CV_16S)
         foreground = cv2.inRange(difference, (-least,) * 3, (least,) * 3) == 0
         foreground[foreground] = self._far(

@@ -73,13 +73,13 @@ def with_holes(observations: Iterable[Observation], rate: float, body: BodyBefor
             silhouettes = body(place)
             holes = [now for hole in holes if (now := hole.followed(seen, silhouettes))]
         if before is not None:
-            holes += _opened(before, seen, place, rate)
+            holes += _opened(before, seen, place, rate, body)
         before = seen
         yield _hiding(seen, holes) if holes else seen
 
 
-def _opened(before: Observation, seen: Observation, place: int, rate: float) -> list[_Hole]:
-    """The holes that were not there in the frame before."""
+def _opened(before: Observation, seen: Observation, place: int, rate: float, body: BodyBefore) -> list[_Hole]:
+    """The holes in the tracked body that were not there in the frame before. What else vanishes was not the subject."""
     holes = []
     smaller = before.foreground - seen.foreground
     for k in np.flatnonzero((before.foreground > 0) & (seen.foreground > 0) & (smaller > 0)).tolist():
@@ -90,6 +90,9 @@ def _opened(before: Observation, seen: Observation, place: int, rate: float) -> 
         if smaller[k] < max(_SMALLER * vanished, np.pi * radius**2):
             continue
         deep = cv2.distanceTransform(_unpacked(gone).view(np.uint8), cv2.DIST_L2, 5) > radius
+        if deep.any():
+            silhouette = body(place)[k]
+            deep = deep[: len(silhouette), : silhouette.shape[1]] & silhouette
         if deep.any():
             x, y, width, height = cv2.boundingRect(deep.view(np.uint8))
             core, margin = (y, y + height, x, x + width), round((1 + _MARGIN) * radius)

@@ -43,10 +43,11 @@ def seen(views: Iterable[np.ndarray], hidden: list[np.ndarray] | None = None) ->
     return Observation.from_masks(list(views), None, hidden)
 
 
-def followed(frames: list[np.ndarray], body: np.ndarray | None = None, rate: float = RATE) -> Iterator[Observation]:
-    """The first view shows the frames' masks, the second the person; the body is where the person was at first."""
-    silhouettes = [person() if body is None else body] * 2
-    return with_holes((seen([mask, person()]) for mask in frames), rate, lambda _: silhouettes)
+def followed(frames: list[np.ndarray], leaves: bool = False, rate: float = RATE) -> Iterator[Observation]:
+    """The first view shows the frames' masks, the second the person; the body is there, or leaves after two frames."""
+    gone = np.roll(person(), 100, axis=1)
+    masks = (seen([mask, person()]) for mask in frames)
+    return with_holes(masks, rate, lambda place: [gone if leaves and place >= 2 else person()] * 2)
 
 
 def hidden(observation: Observation) -> np.ndarray:
@@ -84,7 +85,7 @@ def test_where_a_mask_shows_up_no_hole_is() -> None:
 
 
 def test_a_hole_that_the_body_has_left_is_closed() -> None:
-    observations = followed([person(), without_trunk(), without_trunk()], body=np.roll(person(), 100, axis=1))
+    observations = followed([person(), without_trunk(), without_trunk()], leaves=True)
     assert [each.hidden is None for each in observations] == [True, False, True]
 
 
@@ -104,6 +105,11 @@ def test_a_limb_that_is_gone_and_a_mask_that_is_lost_open_no_hole() -> None:
     armless, nothing = person(), np.zeros((240, 200), bool)
     armless[:, 120:] = False
     assert all(each.hidden is None for each in followed([person(), armless, nothing, person()]))
+
+
+def test_somebody_else_who_is_gone_opens_no_hole() -> None:
+    both = person() | np.roll(person(), -70, axis=1)
+    assert all(each.hidden is None for each in followed([both, person()]))
 
 
 def test_what_hides_the_person_already_stays_hidden() -> None:

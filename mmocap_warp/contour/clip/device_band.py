@@ -1,4 +1,4 @@
-"""A clip's damped steps on a GPU, where putting a band together and solving it would take most of a host's time."""
+"""A clip's damped steps and its deviations on a GPU, for which the host would take longer than for all the rest."""
 
 from __future__ import annotations
 

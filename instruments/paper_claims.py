@@ -1,6 +1,7 @@
 """The paper's findings, each checked on a study's own numbers: ``python instruments/paper_claims.py RESULTS...``.
 
-The folders are what ``mmocap study run`` wrote. What it prints is Markdown; ``study_figures.py`` draws on it for docs/study/README.md.
+The folders are what ``mmocap study run`` wrote. What it prints is Markdown; docs/study/README.md draws on it, by
+``study_figures.py``.
 """
 
 from __future__ import annotations

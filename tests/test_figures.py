@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import json
 import re
 import shutil
 from functools import cache
@@ -11,7 +12,10 @@ from pathlib import Path
 import pytest
 from study_figures import FOLDER, StudyFigures, study_page
 
-ROOT = Path(__file__).resolve().parents[2]
+from mmocap_warp.study.paper import ALGORITHM_ORDER
+from mmocap_warp.study.summary import algorithm_label
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @cache
@@ -20,7 +24,8 @@ def figures() -> StudyFigures:
 
 
 def test_the_page_of_findings_is_what_the_data_make_of_its_template():
-    assert (FOLDER / "README.md").read_text(encoding="utf-8") == study_page()
+    template = (FOLDER / "README.in").read_text(encoding="utf-8")
+    assert (FOLDER / "README.md").read_text(encoding="utf-8") == figures().fill(template)
 
 
 def test_no_figure_of_the_page_is_typed():
@@ -95,9 +100,13 @@ def test_another_pages_figures_of_the_study_are_those_of_its_cells(page):
 
 
 def _row(page: str, start: str) -> list[str]:
-    """The cells of a table's line."""
-    text = (ROOT / page).read_text(encoding="utf-8")
-    (line,) = (line for line in text.splitlines() if line.startswith(start))
+    """The cells of a page's line."""
+    return _row_of((ROOT / page).read_text(encoding="utf-8"), start)
+
+
+def _row_of(text: str, start: str) -> list[str]:
+    """The cells of the first table line that starts so."""
+    line = next(line for line in text.splitlines() if line.startswith(start))
     return [cell.strip() for cell in line.strip("|").split("|")]
 
 
@@ -121,3 +130,39 @@ def test_the_papers_share_of_joints_within_two_deviations_is_the_documents():
     assert f"lies within two of them for {share} of the joints' coordinates" in paper
     real = _row("docs/contour.md", "| the real recording, one seed")[1].split(";")[0]
     assert f"it is {real} %" in paper
+
+
+RENDERERS = ("raycast", "raster")
+
+
+def _measurements(report: str, group: str, **sizes: object) -> list[dict]:
+    """What a report has of a group, with these sizes."""
+    every = json.loads((ROOT / "docs" / "benchmarks" / report).read_bytes())["measurements"]
+    return [of for of in every if of["group"] == group and of["sizes"].items() >= sizes.items()]
+
+
+def test_the_page_on_performance_has_its_reports_figures():
+    page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
+    once = {of["name"]: of for of in _measurements("cpu.json", "whole evaluation", threads=1)}
+    raycast, raster = (1e3 * once[name]["median"] / once[name]["evaluations"] for name in RENDERERS)
+    peers = {of["name"]: of["median"] for of in _measurements("cpu.json", "peers")}
+    ahead = [f"{peers['embree'] / peers[name]:.0f} times" for name in RENDERERS]
+    assert f"{raycast:.2f} ms (`raycast`, {ahead[0]} as quick as Embree's any-hit)" in page
+    assert f"{raster:.3f} ms (`raster`, {ahead[1]})" in page
+    batches = {of["name"]: of["median"] for of in _measurements("h200.json", "whole evaluation", candidates=4096)}
+    rates = " and ".join(f"{round(4096 / batches[name], -3):,.0f}" for name in RENDERERS)
+    assert f"an H200 does {rates} a second in batches of 4,096" in page
+    frame = [_measurements("h200.json", "a frame", budget=500, runs=1, renderer=name)[0] for name in RENDERERS]
+    rates = " and ".join(f"{1 / of['median']:.0f}" for of in frame)
+    assert f"{rates} frames a second of H-CMA-ES with 500 evaluations" in page
+
+
+def test_the_page_on_accuracy_has_the_medians_of_its_report():
+    report = (ROOT / "docs" / "benchmarks" / "trackers.txt").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8").partition("## All eight trackers")[2]
+    parts = {of.splitlines()[0]: of for of in report.split("### Preset ")[1:]}
+    models = [f"`recording`, {budget} evaluations, {dof} DOF" for dof in (39, 28) for budget in (500, 1500)]
+    for label in map(algorithm_label, ALGORITHM_ORDER):
+        rows = [_row_of(parts[model], f"| {label} |") for model in models]
+        walk, real = ([row[column].split()[0] for row in rows] for column in (1, 4))
+        assert _row_of(page, f"| {label} |") == [label, *walk, *real]

@@ -7,12 +7,12 @@ import sys
 import tomllib
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli import COMMANDS
-from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, attributes, command, several
+from mmocap_warp.cli.command import ANY_NUMBER, BY_PLACE, Answer, Given, attributes, command, several
 from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
 if TYPE_CHECKING:
@@ -143,7 +143,12 @@ def report(call: Any, results: Path, more: tuple[Path, ...]) -> Answer:
 
 
 @bench_app.default
-@command("studies:benchmark", order="device threads compare output", compare=Annotated[Path | None, _COMPARE])
+@command(
+    "studies:benchmark",
+    order="device threads compare output",
+    compare=Annotated[Path | None, _COMPARE],
+    what=Given(Literal["kernels", "end-to-end"], kind=BY_PLACE),
+)
 def bench(call: Any, compare: Path | None) -> Answer:
     from mmocap_warp.bench.report_file import read_report, rendered, to_text
 

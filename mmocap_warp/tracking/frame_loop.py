@@ -55,13 +55,8 @@ def track_frames(
 ) -> Iterator[FrameAnswer]:
     """Track frame after frame, and give each answer as soon as it is found.
 
-    Args:
-        tracker: in the state after the frame before the first.
-        observations: of consecutive frames.
-        first: position of the first of them.
-        keep: called with each observation that was tracked, such as to have it for smoothing.
-        saved: where progress is saved.
-        progress: called after every frame.
+    The tracker is in the state after the frame before the ``first``, a position. ``keep`` is called with each
+    observation that was tracked, such as to have it for smoothing, and ``progress`` after every frame.
     """
     for number, observation in enumerate(observations, first):
         answer = tracker.step(observation)

@@ -6,9 +6,12 @@ The way of a frame: :func:`track_frames` has its masks tracked (``Tracker.step``
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import asdict, replace
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -158,13 +161,14 @@ def track(
     # Track the others. What is kept of masks with several people in them follows the body.
     with KeptObservations() as kept:
         follows = scene.foreground.keep == "nearest"
-        body = body_masks(subject, rig, lambda: tracker.state.pose) if follows else None
+        body = body_masks(subject, rig, partial(attrgetter("state.pose"), tracker)) if follows else None
         observations = kept.through(scene.observations(config.scale, first=len(answers), body=body))
         if body is None:
             observations = read_ahead(observations)
         with saved or nullcontext():
             answers += track_frames(tracker, observations, first=len(answers), saved=saved, progress=progress)
         result = collect(subject, rig, scene.fps, config, answers, scene.frames)
+        del tracker, body  # smoothing needs the memory
 
         # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
         # no room for, are read again.
@@ -199,6 +203,7 @@ def _finished(
 
     if config.acceleration:
         result = smoothed(result, config, shown(), progress)
+        gc.collect()  # what was smoothed holds itself, and with it the fields of a window
     return with_evidence(result, config, shown())
 
 

@@ -83,18 +83,12 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class BodyInView:
-    """A frame of a camera that disagrees.
+    """A frame of a camera that disagrees; the images are (height, width) bool."""
 
-    Attributes:
-        camera: its name.
-        mask: (height, width) bool, what it saw.
-        before, after: (height, width) bool, the body as the camera was calibrated, and as it would be put right.
-    """
-
-    camera: str
-    mask: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
+    camera: str  # its name
+    mask: np.ndarray  # what it saw
+    before: np.ndarray  # the body as the camera was calibrated
+    after: np.ndarray  # and as it would be put right
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,6 +9,7 @@ from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, AdjustC
 from mmocap_warp.cli.command import Answer, Given, attributes, command
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Output, flags_of, given, next_step, table
 from mmocap_warp.formats.toml_table import quoted_path
+from mmocap_warp.tracking.track_config import REFINE
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.camera_check import CameraCheck, Finding
@@ -108,8 +109,11 @@ def refine(call: Any, loaded: Scene, output: Path, deviations: Any) -> Answer:
         lines.append(f"{output}: {int(result.moved.any(axis=1).sum())} of {len(result.rig)} cameras changed")
         lines += _scene_lines(result, loaded)
         named = quoted_path(output, loaded.path.resolve().parent)
-        step = next_step("track", loaded.path, "-o", loaded.path.parent / "result.usdc")
-        lines.append(f"next: set calibration = {named} under [cameras], then {step}")
+        made = any(source.mask_mark for source in loaded.cameras)
+        options = ("--cameras", REFINE) if made else ()
+        step = next_step("track", loaded.path, "-o", loaded.path.parent / "result.usdc", *options)
+        lines += ["the masks belong to the calibration that they were made with"] if made else []
+        lines.append(f"next: {step}" if made else f"next: set calibration = {named} under [cameras], then {step}")
     else:
         why = "held-out frames are not explained better" if result.moved.any() else "no camera has to change"
         lines.append(f"nothing is written: {why}")

@@ -35,7 +35,7 @@ def track(
     # Without an output all is made beside the scene, and what exists is not made again.
     whole, output = output is None, output or loaded.directory / "result.usdc"
     loaded = with_masks(loaded, console)
-    if person is not None or not loaded.people:
+    if person is not None or loaded.person or not loaded.people:
         chosen = loaded.of_person(person) if person in loaded.people else loaded
         values, text, code = _track(call, console, chosen, output, whole, force, settings)
     else:
@@ -63,7 +63,11 @@ def _track(
     from mmocap_warp.result.verdict import verdict
 
     changes: dict[str, Any] = {"person": None} if scene.person else {}  # the scene is of that person already
-    resumed = {"resume": True} if whole and not force else {}
+    resumed: dict[str, Any] = {"resume": True} if whole and not force else {}
+    # Cameras that have been refined since the first run ended are those of a second run, which was interrupted.
+    refined, begun = output.with_suffix(".calibration.toml"), output.with_name(f"{output.name}.checkpoint")
+    if resumed and all(map(Path.exists, (output, refined, begun))) and refined.stat().st_mtime > output.stat().st_mtime:
+        resumed["cameras"] = REFINE
     tracked = call(scene=scene, output=output, **changes, **resumed)
     # Cameras that disagree are refined, unless something else is asked for.
     asked = (settings and settings.cameras) or "cameras" in scene.track
@@ -114,7 +118,8 @@ def live(call: Any) -> Answer:
 def fit(call: Any, scene: Path, output: Path, identity: int | None, person: str | None) -> Answer:
     from mmocap_warp.scene.scene_toml import load_scene
 
-    people = load_scene(scene, identity=identity).people if person is None else {}
+    named = load_scene(scene, identity=identity)
+    people = {} if person or named.person else named.people
     if not people:
         return _fitted(call(), output)
     files = {name: _of_person(output, name) for name in people}

@@ -11,7 +11,7 @@ import numpy as np
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.commands.caller import Reporter, start_warp
-from mmocap_warp.commands.inputs import Frames, result_from, scene_from, span
+from mmocap_warp.commands.inputs import Frames, one_person, result_from, scene_from, span
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
@@ -25,7 +25,7 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.scene.drafting import tracking_scale
 from mmocap_warp.scene.mask_writing import Refine, write_masks
-from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program
+from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program, with_people
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 
@@ -83,7 +83,7 @@ def mask(
         raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
     loaded = _loaded(scene, frames, identity, with_, reporter)
     by_program = loaded.foreground.source == "program"
-    refine = None if from_body is None else _around_body(loaded, from_body, scale)
+    refine, loaded = (None, loaded) if from_body is None else _around_body(loaded, from_body, scale)
     program = find_program("mediapipe" if with_ is None else with_, reporter.note) if by_program else None
     unfinished = Path(output) / UNFINISHED
     folder = new_folder(output, force=force or (by_program and unfinished.is_dir()))
@@ -91,13 +91,16 @@ def mask(
     if program is not None:
         with reporter.stage("program", "masks") as progress:
             loaded = masks_by_program(loaded, unfinished, program, scale, progress)
+        if not (loaded.foreground.identity or refine):
+            loaded = with_people(loaded, unfinished / "people", scale, reporter.note)
         images = images_for_program(loaded, unfinished)
     # The volume of the scene's subject, or else of the body that a fit would start from.
     named = loaded.subject and read_subject(loaded.subject).body
     body = named or load_body(loaded.body or DEFAULT_BODY, loaded.path)
     judge = MaskJudge(loaded.rig(scale), loaded.frame_count, body.volume)
-    total = loaded.frame_count
-    consistency = Consistency(loaded.rig(scale)) if (by_program if consistent is None else consistent) else None
+    total, consistency = loaded.frame_count, list[Consistency]()
+    if by_program if consistent is None else consistent:
+        consistency = [Consistency(loaded.rig(scale)) for _ in loaded.people or [loaded]]
     with reporter.stage("mask") as progress:
         written = write_masks(
             loaded,
@@ -113,7 +116,8 @@ def mask(
         shutil.rmtree(unfinished, ignore_errors=True)
     report = judge.report()
     remedy = _remedy(loaded, folder) if report.faults else None
-    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, consistency, loaded)
+    made = next(iter(consistency), None)
+    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, made, loaded)
 
 
 def _loaded(
@@ -157,13 +161,15 @@ def _remedy(scene: Scene, folder: Path) -> str:
     return look + "docs/scene.md has the settings of [foreground], docs/masks.md other ways to make masks"
 
 
-def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> Refine:
-    """How a scene's masks are drawn around the body of its result, frame after frame, from the video of all cameras."""
+def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> tuple[Refine, Scene]:
+    """How masks are drawn around a result's body, frame after frame, from all videos; and the scene of that person."""
     if isinstance(result, str | Path) and not holds_result(result):
         raise InputError(
             result, "is not a result", "give the file that mmocap track wrote; a subject has only one pose"
         )
     tracked, path = result_from(result)
+    person = tracked.config.get("person")
+    scene = one_person(scene.of_person(person) if person in scene.people else scene)
     check_same_recording(tracked, scene)
     if tracked.frame_numbers.tolist() != list(scene.frames):
         problem = f"has frames {span(tracked.frame_numbers)}, not the {span(scene.frames)} of the scene"
@@ -183,4 +189,4 @@ def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> Ref
             for k, (mask, image) in enumerate(zip(masks, images, strict=True))
         ]
 
-    return refine
+    return refine, replace(scene, people={})

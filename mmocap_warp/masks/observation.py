@@ -49,6 +49,7 @@ class Observation:
     late: np.ndarray | None = None
     # (camera, row, word) uint32, pixels that show what may be in front of the subject, none of them foreground.
     hidden: np.ndarray | None = None
+    holed: np.ndarray | None = None  # (camera,) bool, views whose masks lack a piece; None where none is known to
 
     @classmethod
     def from_masks(

@@ -128,8 +128,10 @@ def _carve(rig: CameraRig, masks: list[np.ndarray], points: np.ndarray, tolerate
     return points
 
 
-def seen_at(rig: CameraRig, k: int, points: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (n, 2) of points (n, 3), column and row, and which of them are foreground of a camera's mask."""
+def seen_at(
+    rig: CameraRig, k: int, points: np.ndarray, mask: np.ndarray, beyond: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (n, 2) of points (n, 3), column and row, and what a mask or labels show there; ``beyond`` elsewhere."""
     seen = points @ (rig.K[k] @ rig.R[k]).T
     seen += rig.K[k] @ rig.t[k]
     before = seen[:, 2] > 0
@@ -138,7 +140,7 @@ def seen_at(rig: CameraRig, k: int, points: np.ndarray, mask: np.ndarray) -> tup
     column, row = place.T
     height, width = mask.shape
     within = np.flatnonzero(before & (column >= 0) & (row >= 0) & (column < width) & (row < height))
-    inside = np.zeros(len(points), bool)
+    inside = np.full(len(points), beyond, np.int16 if beyond else mask.dtype)
     inside[within] = mask.ravel()[row[within] * width + column[within]]
     return place, inside
 

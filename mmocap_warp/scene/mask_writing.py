@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
 from pathlib import Path
 
 import cv2
@@ -14,11 +15,12 @@ from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import WebmFile, write_png
 from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
+from mmocap_warp.masks.people import UNDECIDED
 from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.whole_file import file_name, write_whole
 
-_TINT = np.array([31, 210, 255], np.uint8)  # BGR, the masks' colour in the overlays of results too
+_TINTS = np.uint8([[31, 210, 255], [80, 200, 60], [230, 120, 200], [220, 200, 40]])  # BGR, of people in turn
 _ADDED, _TAKEN = np.array([255, 90, 0], np.uint8), np.array([40, 40, 255], np.uint8)  # BGR: blue, red
 _VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
 
@@ -35,17 +37,17 @@ def write_masks(
     look: Callable[[list[np.ndarray]], None] | None = None,
     refine: Refine | None = None,
     images: Iterable[list[np.ndarray | None]] | None = None,
-    make_consistent: Callable[[list[np.ndarray]], list[np.ndarray]] | None = None,
+    make_consistent: Sequence[Callable[[list[np.ndarray]], list[np.ndarray]]] = (),
 ) -> Path:
     """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
 
-    The folder gets ``<camera>/<frame>.png`` (1 bit), each camera's :class:`~mmocap_warp.scene.kept_masks.MaskMark`,
-    ``overlay.webm``, ``pinholes.toml`` (the cameras that the masks belong to, for other programs) and last
-    ``scene.toml``: the same scene, whose masks are made, read back exactly at ``scale``. Files of the same names are
-    replaced. ``make_consistent`` and then ``refine`` make a frame's masks better, and the overlay shows what
-    the first of them has changed. ``look`` is called with them, per camera (height, width) bool,
-    and ``progress`` after each frame with the number of frames done. ``images`` are the scene's, where they lie
-    somewhere in the meantime.
+    The folder gets ``<camera>/<frame>.png`` (1 bit, or labels where the scene has people), each camera's
+    :class:`~mmocap_warp.scene.kept_masks.MaskMark`, ``overlay.webm``, ``pinholes.toml`` (the cameras that the masks
+    belong to, for other programs) and last ``scene.toml``: the same scene, whose masks are made, read back exactly at
+    ``scale``. Files of the same names are replaced. ``make_consistent``, one for each person, and then ``refine`` make
+    a frame's masks better, and the overlay shows what the first of them has changed. ``look`` is called with those of
+    the first person, per camera (height, width) bool, and ``progress`` after each frame with the number of frames done.
+    ``images`` are the scene's, where they lie somewhere in the meantime.
 
     Returns:
         Path of the new ``scene.toml``.
@@ -64,19 +66,26 @@ def write_masks(
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, each in enumerate(folders):  # before any mask, so that none is ever without
-        mask_mark(scene, k, scale, repaired=make_consistent is not None).write(each)
+        mask_mark(scene, k, scale, repaired=bool(make_consistent)).write(each)
+    people = [scene.of_person(name) for name in scene.people] or [scene]
+    streams = zip(*(person.masks(scale) for person in people), strict=True)
     with ThreadPoolExecutor() as pool, WebmFile(folder / "overlay.webm", scene.rate) as video:
-        frames = zip(scene.masks(scale), scene.images(scale) if images is None else images, strict=True)
-        for f, (masks, views) in enumerate(frames):
-            before = masks
-            if make_consistent is not None:
-                masks = make_consistent(masks)
+        hidden = scene.hidden(scale) if scene.people else repeat([], scene.frame_count)
+        frames = zip(streams, hidden, scene.images(scale) if images is None else images, strict=True)
+        for f, (before, in_front, views) in enumerate(frames):
+            masks = [make(each) for make, each in zip(make_consistent, before, strict=False)] or list(before)
             if refine is not None:
-                before, masks = [], refine(masks, views)
-            list(pool.map(write_png, [each / f"{f:06d}.png" for each in folders], masks))
+                before, masks = (), [refine(masks[0], views)]
+            written = masks[0]
+            if scene.people:  # numbered from 1 on; what is filled lies behind what was there before
+                written = [np.where(hides, np.uint8(UNDECIDED), np.uint8(0)) for hides in in_front]
+                for label, of_person in enumerate(zip(masks, before, strict=True), 1):
+                    for labels, mask, old in zip(written, *of_person, strict=True):
+                        labels[mask & (old | (labels == 0))] = label
+            list(pool.map(write_png, [each / f"{f:06d}.png" for each in folders], written))
             video.write(draw_masks(masks, views, before))
             if look is not None:
-                look(masks)
+                look(masks[0])
             if progress is not None:
                 progress(f + 1)
     write_whole(folder / "scene.toml", about)
@@ -101,23 +110,27 @@ def mask_mark(scene: Scene, k: int, scale: float, repaired: bool = False) -> Mas
 
 
 def draw_masks(
-    masks: list[np.ndarray], images: list[np.ndarray | None], before: Sequence[np.ndarray] = ()
+    people: Sequence[list[np.ndarray]], images: list[np.ndarray | None], before: Sequence[list[np.ndarray]] = ()
 ) -> np.ndarray:
-    """All views side by side: masks tinted and outlined over the images (BGR), or over gray where there is none.
+    """All views side by side: people's masks tinted and outlined over images (BGR), or over gray where there is none.
 
     What was added to or taken from the masks that were there ``before`` has colours of its own.
     """
-    height = min(_VIEW_HEIGHT, max(mask.shape[0] for mask in masks))
+    height = min(_VIEW_HEIGHT, max(mask.shape[0] for mask in people[0]))
     views = []
-    for image, *pair in zip(images, masks, before or masks, strict=True):
-        size = (max(1, round(pair[0].shape[1] * height / pair[0].shape[0])), height)
+    for k, image in enumerate(images):
+        pairs = [(new[k], old[k]) for new, old in zip(people, before or people, strict=True)]
+        size = (max(1, round(pairs[0][0].shape[1] * height / pairs[0][0].shape[0])), height)
         shape = (*size[::-1], 3)
         view = np.full(shape, 40, np.uint8) if image is None else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        mask, old = (cv2.resize(each.view(np.uint8), size, interpolation=cv2.INTER_NEAREST).view(bool) for each in pair)
-        for part, tint in ((mask, _TINT), (mask & ~old, _ADDED), (old & ~mask, _TAKEN)):
-            view[part] = view[part] // 2 + tint // 2
-        contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        views.append(cv2.drawContours(view, contours, -1, _TINT.tolist(), 1))
+        for person, pair in enumerate(pairs):
+            mask, old = (cv2.resize(m.view(np.uint8), size, interpolation=cv2.INTER_NEAREST).view(bool) for m in pair)
+            own = _TINTS[person % len(_TINTS)]
+            for part, tint in ((mask, own), (mask & ~old, _ADDED), (old & ~mask, _TAKEN)):
+                view[part] = view[part] // 2 + tint // 2
+            contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+            cv2.drawContours(view, contours, -1, own.tolist(), 1)
+        views.append(view)
     return np.concatenate(views, axis=1)
 
 
@@ -131,19 +144,27 @@ def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
     def path(file: Path | None) -> str | None:
         return None if file is None else quoted_path(file, folder)
 
-    frames, truth = scene.frames, scene.truth
+    frames, people = scene.frames, scene.people
+    subject, truth = (None, None) if people else (scene.subject, scene.truth)
     is_start = (frames.start, frames.step) == (0, 1)
     frames_value = str(len(frames)) if is_start else quoted(f"{frames.start}:{frames[-1] + 1}:{frames.step}")
     body = quoted(scene.body) if isinstance(scene.body, str) else path(scene.body)
     about = {"name": quoted(scene.name), "fps": repr(scene.fps), "up": quoted(scene.calibrated.up)}
     lines = [f"# A recorded scene with its masks made, at scale {scale:g}. By mmocap mask.", "[scene]"]
-    lines += _key_lines(about | {"frames": frames_value, "subject": path(scene.subject), "body": body})
-    lines += ["", "[truth]", *_key_lines({"file": path(truth), "axes": quoted(scene.truth_axes)})] if truth else []
+    lines += _key_lines(about | {"frames": frames_value, "subject": path(subject), "body": body})
+    lines += [f"person = {quoted(scene.person)}   # is tracked; without this line everybody is"] if scene.person else []
+    if scene.truth or any(person.truth for person in people.values()):
+        lines += ["", "[truth]", *_key_lines({"file": path(truth), "axes": quoted(scene.truth_axes)})]
     units = None if scene.units is None else quoted(scene.units)
     lines += ["", "[cameras]", *_key_lines({"calibration": path(scene.calibration), "units": units})]
     for source in scene.cameras:
         media = {"masks": quoted(source.name), "video": path(source.video.path if source.video else None)}
         lines += ["", f"[cameras.{quoted(source.name)}]", *_key_lines(media | _placement(source, scene.fps))]
+    lines += ["", "[labels]", f"thing = {UNDECIDED}"] if people else []
+    for number, (name, person) in enumerate(people.items(), 1):
+        own = quoted(person.body) if isinstance(person.body, str) else path(person.body)
+        about = {"label": str(number), "subject": path(person.subject), "body": own, "truth": path(person.truth)}
+        lines += ["", f"[people.{quoted(name)}]", *_key_lines(about)]
     lines += attachment_lines(scene.attached, folder)
     track = dict(scene.track)
     tracked_scale = track.get("scale", 1.0)

@@ -19,15 +19,18 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.masks.frames import read_image
-from mmocap_warp.masks.mask_files import MaskImages
+from mmocap_warp.masks.mask_files import MaskImages, open_masks
+from mmocap_warp.masks.mask_image import Labels, decode_mask
 from mmocap_warp.masks.mask_program import MaskProgram
+from mmocap_warp.masks.people import UNDECIDED, People
 from mmocap_warp.scene.kept_masks import calibration_hash
 from mmocap_warp.scene.mask_writing import mask_mark
-from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.recording import Person, Scene
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import file_name, write_whole
 
 UNFINISHED = "unfinished"  # the name of the folder, in that of the masks
+_MIN_SEEN = 0.1  # of the images that show whoever is seen most; who is in fewer is left out
 _JPEG = (cv2.IMWRITE_JPEG_QUALITY, 95)
 
 
@@ -71,6 +74,43 @@ def masks_by_program(
         finally:
             ahead.shutdown(cancel_futures=True)
     return replace(scene, cameras=tuple(sources), foreground=replace(scene.foreground, source="masks"))
+
+
+def with_people(scene: Scene, folder: Path, scale: float, note: Callable[[str], None]) -> Scene:
+    """The scene of whom its label images show most, and of everybody else; as it is where no image has two labels.
+
+    Args:
+        scene: its masks are made, at ``scale``.
+        folder: for images in which a person has the same label in all views and frames.
+        scale: of the masks.
+        note: called with who was found.
+    """
+    given = [source.masks for source in scene.cameras if source.masks]
+    if not any(isinstance(image, Labels) and len(image.identities) > 1 for masks in given for image in masks.read()):
+        return scene
+    people, folders = People(scene.rig(scale)), [folder / name for name in scene.calibrated.names]
+    for each in folders:
+        each.mkdir(parents=True, exist_ok=True)
+    for f, images in enumerate(zip(*(masks.read() for masks in given), strict=True)):
+        labels = [each.image if isinstance(each, Labels) else decode_mask(each).astype(np.uint8) for each in images]
+        for each, made in zip(folders, people(labels), strict=True):
+            write_png(each / f"{f:06d}.png", made)
+    ranked = people.views.most_common()
+    seen = [person for person, count in ranked if count > _MIN_SEEN * ranked[0][1]]
+    who = ", ".join(f"person{n} in {people.views[person]}" for n, person in enumerate(seen, 1))
+    all_masks = scene.frame_count * len(given)
+    note(f"people: {who or 'nobody'} of {all_masks} masks; {people.swaps} swapped labels put right")
+    if not seen:  # all labels are taken for the subject
+        return scene
+    known = [replace(each, label=seen[0], in_front=(UNDECIDED,)) for each in scene.cameras]
+    cameras = (replace(each, masks=open_masks(of)) for each, of in zip(known, folders, strict=True))
+    scene = replace(scene, cameras=tuple(cameras))
+    if len(seen) == 1:
+        return scene
+    note("people: person1 is tracked; [scene] person in the masks' scene.toml chooses, without it everybody is")
+    named = {f"person{n}": Person((person,) * len(given)) for n, person in enumerate(seen, 1)}
+    named["person1"] = replace(named["person1"], subject=scene.subject, truth=scene.truth)
+    return replace(scene, foreground=replace(scene.foreground, keep="all"), people=named).of_person("person1")
 
 
 def _report(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:

@@ -295,13 +295,13 @@ class Scene:
 
         ``scale`` is that of the masks.
         """
-        hidden = self._hidden(scale, first) if any(source.in_front for source in self.cameras) else repeat(None)
+        hidden = self.hidden(scale, first) if any(source.in_front for source in self.cameras) else repeat(None)
         for place, (views, in_front) in enumerate(zip(masks, hidden, strict=False), first):
             frame = self.frames[place : place + 1]
             late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps  # (camera,) [s]
             yield Observation.from_masks(views, late if late.any() else None, in_front)
 
-    def _hidden(self, scale: float, first: int) -> Iterator[list[np.ndarray]]:
+    def hidden(self, scale: float, first: int = 0) -> Iterator[list[np.ndarray]]:
         """Per camera (height, width) bool, what may be in front of the person, of all frames from ``first`` on."""
         frames, sizes = self._numbers(first, None), self.rig(scale).size
         streams = [

@@ -90,7 +90,7 @@ def load_scene(
         raise about.error(f"fps = {stated_fps:g} is not a frame rate", "give the frames per second of the recording")
     states_up, up = about.has("up"), about.take_choice("up", UP_AXES, "+z")
     named_frames = _take_frames(about)
-    body, subject = take_body(about, path), take_file(about, "subject", path)
+    body, subject, tracked = take_body(about, path), take_file(about, "subject", path), about.take("person", str, None)
     about.finish()
 
     # [cameras]: the calibration, and each camera's images.
@@ -114,6 +114,8 @@ def load_scene(
         kinds = (kind for kind in BACKGROUNDS if all(getattr(each, need) for each in sources for need in _IMAGES[kind]))
         foreground = replace(foreground, source=next(kinds, "recording"))
     named_people = read_people(people, sources, foreground, path)
+    if not (tracked is None or tracked in named_people):
+        raise about.error(f'person = "{tracked}" has no table', f"add [people.{tracked}], or leave person out")
     needs = [each for each in _IMAGES[foreground.source] if not (live and each in ("video", "masks"))] if masks else []
     _check_sources(sources, rig, foreground, cameras, named_people, needs, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
@@ -140,7 +142,7 @@ def load_scene(
         people=named_people,
     )
     truth.finish()
-    return scene
+    return scene if tracked is None else scene.of_person(tracked)
 
 
 def _take_frames(table: Table) -> FrameChoice:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from moving_person import RIG, write_scene
 
+import mmocap_warp as mm
 from mmocap_warp.calibration import camera_check as checking
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, changed
@@ -70,6 +71,15 @@ def test_what_is_better_is_written_and_told(scene: Path, tmp_path: Path, capsys,
     again = read_calibration(output, "m", RIG.up)
     np.testing.assert_allclose(again.R, refinement(0.05).rig.R, atol=1e-9)
     assert tomllib.loads(output.read_text())["metadata"]["offsets"]["cam03"] == 0.05
+
+
+def test_masks_that_were_made_are_tracked_with_cameras_that_are_refined_again(
+    scene: Path, tmp_path: Path, capsys, given
+) -> None:
+    made = mm.mask(scene, tmp_path / "made").scene
+    assert main(["calib", "refine", str(made), "-o", str(tmp_path / "refined.toml"), "--quiet"]) == OK
+    told = capsys.readouterr().out.splitlines()
+    assert told[-1] == f"next: mmocap track {made} -o {tmp_path / 'made' / 'result.usdc'} --cameras refine"
 
 
 def test_what_is_no_better_is_not_written(scene: Path, tmp_path: Path, capsys, given) -> None:

@@ -343,6 +343,21 @@ def test_cameras_that_disagree_are_refined_for_a_second_run(scene, result, capsy
         answer(capsys, "track", scene, *flags)
         assert asked == runs
 
+    # A second run that was interrupted goes on: its cameras are newer than the result of the first.
+    first = scene.parent / "result.usdc"
+    files = [first.with_name(f"result{end}") for end in (".usdc", ".usdc.checkpoint", ".calibration.toml")]
+    shutil.copy(result, first) if first != result else None
+    for file in files[1:]:
+        file.touch()
+    for age, runs in ((-10, ["refine"]), (10, [None])):
+        asked.clear()
+        now = files[-1].stat().st_mtime
+        os.utime(first, (now + age, now + age))
+        answer(capsys, "track", scene)
+        assert asked == runs
+    for file in files[1:]:
+        file.unlink()
+
 
 def test_masks_of_some_frames_keep_their_numbers(scene, tmp_path, capsys):
     written = answer(capsys, "mask", scene, "-o", tmp_path / "masks", "--frames", "1:8:3")

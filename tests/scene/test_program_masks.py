@@ -12,9 +12,12 @@ import cv2
 import numpy as np
 import pytest
 from disc_scene import FRAMES, SIZE, disc, edit, write_scene
+from given_masks import palette_png
+from synthetic import ring_rig
 
 import mmocap_warp as mm
 from mmocap_warp import cli
+from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli import console
 from mmocap_warp.commands import mask as mask_command
 from mmocap_warp.errors import InputError, UsageError
@@ -108,6 +111,72 @@ def test_a_run_that_was_stopped_goes_on(scene: Path) -> None:
     mm.mask(scene, scene / "made", with_=stand_in(scene))
     assert starts(scene) == ["cam02 1 2 3", "cam03 0 1 2"]
     assert not (scene / "made" / "unfinished").exists()
+
+
+COLOURS = np.uint8([[0, 0, 0], [200, 0, 0], [0, 200, 0], [0, 0, 200]])
+
+
+def give_labels(folder: Path, places: list[tuple[float, float, float]], labels: dict[str, list[int]]) -> None:
+    """Discs about places in the world, with their labels in each camera and frame; a palette's index is the label."""
+    rig = load_scene(folder).calibrated
+    for k, name in enumerate(rig.names):
+        for frame in range(FRAMES):
+            image = np.zeros(SIZE[::-1], np.uint8)
+            row, column = np.indices(image.shape)
+            for place, label in zip(places, labels[name][2 * frame :], strict=False):
+                u, v = project(rig, np.array([place]))[k, 0]
+                image[(np.hypot(column - u, row - v) < 12) & (label > 0)] = label
+            (folder / "given" / name / f"{frame:03d}.png").write_bytes(palette_png(image, COLOURS))
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> Path:
+    """Videos of two people, whom cam02 calls otherwise than the others, and cam01 in a frame too."""
+    write_scene(tmp_path, "program", rig=ring_rig(3, SIZE))
+    text = re.sub(r'(masks|clean_plate) = ".*\n', "", (tmp_path / "scene.toml").read_text())
+    (tmp_path / "scene.toml").write_text(text)
+    (tmp_path / "masks").rename(tmp_path / "given")
+    labels = {"cam01": [1, 2, 2, 1, 1, 2, 1, 2], "cam02": [3, 1] * FRAMES, "cam03": [1, 2] * FRAMES}
+    give_labels(tmp_path, [(0.5, 1.5, 0.3), (-0.5, 1.2, -0.4)], labels)
+    return tmp_path
+
+
+def test_people_of_label_images_have_a_name_and_one_label(two: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["mask", str(two), "-o", str(two / "made"), "--with", stand_in(two)]
+    assert cli.main(command) in (console.OK, console.CHECK_FAILED)
+    said = capsys.readouterr().err
+    assert f"people: person1 in {3 * FRAMES}, person2 in {3 * FRAMES} of {3 * FRAMES} masks; 4 swapped" in said
+    assert "person1 is tracked" in said
+    made = load_scene(two / "made")
+    assert (list(made.people), made.person) == (["person1", "person2"], "person1")
+    assert [made.people["person1"].truth, made.people["person2"].truth] == [two / "made" / ".." / "truth.trc", None]
+    first, second = (list(made.of_person(name).masks()) for name in made.people)
+    for frame, views in enumerate(zip(first, second, strict=True)):
+        for k, name in enumerate(("cam01", "cam02", "cam03")):
+            given = cv2.imread(str(two / "given" / name / f"{frame:03d}.png")).any(axis=2)
+            one, other = views[0][k], views[1][k]
+            np.testing.assert_array_equal(one | other, given)
+            assert not (one & other).any()
+            left = np.nonzero(one)[1].mean() < np.nonzero(other)[1].mean()
+            assert left == (np.nonzero(first[0][k])[1].mean() < np.nonzero(second[0][k])[1].mean())
+    again = load_scene(mm.mask(two / "made", two / "again").scene)  # labels stay labels
+    assert again.people.keys() == made.people.keys()
+    for masks, same in zip(again.masks(), first, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(masks, same, strict=True))
+    edit(two / "made" / "scene.toml", 'person = "person1"', 'person = "person3"')
+    with pytest.raises(InputError, match=r'person = "person3" has no table; add \[people.person3\]'):
+        load_scene(two / "made")
+
+
+def test_a_ghost_in_one_view_changes_nothing(two: Path) -> None:
+    ghost = {name: [1, 0] * FRAMES for name in ("cam02", "cam03")} | {"cam01": [1, 0, 1, 3, 1, 0, 1, 0]}
+    give_labels(two, [(0.5, 1.5, 0.3), (-0.5, 1.2, -0.4)], ghost)
+    made = load_scene(mm.mask(two, two / "made", with_=stand_in(two)).scene)
+    assert not made.people
+    give_labels(two, [(0.5, 1.5, 0.3)], {name: [1] * 2 * FRAMES for name in ("cam01", "cam02", "cam03")})
+    alone = load_scene(mm.mask(two, two / "alone", with_=stand_in(two)).scene)
+    for masks, same in zip(made.masks(), alone.masks(), strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(masks, same, strict=True))
 
 
 @pytest.mark.filterwarnings("ignore")  # discs fit no body

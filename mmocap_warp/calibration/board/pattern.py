@@ -24,22 +24,14 @@ _SPECIFICATION = re.compile(
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board of squares.
+    """A flat board of squares."""
 
-    Attributes:
-        kind: ``charuco`` or ``chessboard``.
-        columns, rows: numbers of squares.
-        square: side of a square [m].
-        marker: side of a ChArUco board's marker [m].
-        dictionary: of the markers, such as ``4x4_50``.
-    """
-
-    kind: str
-    columns: int
+    kind: str  # ``charuco`` or ``chessboard``
+    columns: int  # of squares
     rows: int
-    square: float
-    marker: float
-    dictionary: str = "4x4_50"
+    square: float  # side of a square [m]
+    marker: float  # side of a ChArUco board's marker [m]
+    dictionary: str = "4x4_50"  # of the markers
 
     def __str__(self) -> str:
         size = f"{self.kind}:{self.columns}x{self.rows}:{1000 * self.square:g}mm"

@@ -83,10 +83,10 @@ class DistanceFields:
         for number, observation in enumerate(observations):
             words[number] = observation.possible
             foreground[number] = observation.foreground
-        self._word.send(frames)
-        self._foreground.send(frames)
         if self._has_room:
             self._replays.run(frames, self._find_and_measure)
+            self._word.sent()
+            self._foreground.sent()
             return
         self._find()
         boxes = self._boxes.numpy()
@@ -116,6 +116,8 @@ class DistanceFields:
         self._measure()
 
     def _find(self) -> None:
+        self._word.send(len(self._boxes))
+        self._foreground.send(len(self._boxes))
         find_boxes(self._masks, self._scratch, self._boxes)
 
     def _measure(self) -> None:

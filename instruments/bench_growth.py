@@ -6,15 +6,20 @@ The plots have logarithmic axes and a line for each device and renderer: one SVG
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from mmocap_warp.bench.evaluations import evaluations
 from mmocap_warp.bench.report_file import Report
 from mmocap_warp.bench.searches import same_frames
 from mmocap_warp.bench.workload import SIZE, Workload, workload
-from mmocap_warp.display.chart import Axis, axes, curve, decades, dots, names_of_curves, picture
+from mmocap_warp.body.model import SkinMesh
+from mmocap_warp.display.chart import Axis, axes, curve, dots, picture, text
 from mmocap_warp.kernels.benchmarks.timing import Case
+from mmocap_warp.rigging.decimation import decimate
 
 AXES = ("candidates", "cameras", "pixels", "triangles", "runs")
 """The sizes that are varied; a measurement's group is ``GROUP`` and one of them."""
@@ -36,17 +41,58 @@ def growth(load: Workload, device: str) -> Iterator[list[Case]]:
     kind = "cpu" if device == "cpu" else "cuda"
     yield from evaluations(load, _CANDIDATES[kind], (1,), device, GROUP + "candidates")
     scaled = [(round(scale * SIZE[0]), round(scale * SIZE[1])) for scale in _SCALES]
-    sweeps = [("cameras", "cameras", _CAMERAS), ("pixels", "size", scaled), ("triangles", "triangles", _TRIANGLES)]
-    for axis, parameter, values in sweeps:
-        for value in values:
-            one = workload(**{parameter: value})  # type: ignore[arg-type]
+    sweeps = {
+        "cameras": [workload(cameras=count) for count in _CAMERAS],
+        "pixels": [workload(size=size) for size in scaled],
+        "triangles": [with_triangles(workload(), count) for count in _TRIANGLES],
+    }
+    for axis, loads in sweeps.items():
+        for one in loads:
             yield from evaluations(one, (BATCH[kind],), (1,), device, GROUP + axis)
     for runs in _RUNS[kind]:
         yield from same_frames(load, (runs,), BUDGET, device, 1, GROUP + "runs")
 
 
+def with_triangles(load: Workload, triangles: int | None) -> Workload:
+    """The load with a body of another tracking mesh, which is its skin too; it has no shapes and no markers.
+
+    Fewer triangles than its own are made by decimation, more by subdivision: 4 times, 16 times as many, and so on.
+    """
+    if triangles is None:
+        return load
+    body = load.body
+    mesh = body.tracking
+    if triangles < len(mesh.face):
+        kept, face = decimate(mesh.rest.astype(float), mesh.face, triangles)
+        mesh = SkinMesh(mesh.rest[kept], face, mesh.joint[kept], mesh.weight[kept])
+    while len(mesh.face) < triangles:
+        mesh = _subdivided(mesh)
+    vertices = len(mesh.rest)
+    other: dict[str, Any] = {"tracking_vertex": np.arange(vertices, dtype=np.int32), "tracking_face": mesh.face}
+    other |= {"shape_vertex": np.zeros((0, vertices, 3), np.float32), "shape_joint": body.shape_joint[:0]}
+    other |= {"shape_names": (), "marker_names": (), "marker_vertex": np.zeros(0, np.int32)}
+    return replace(load, body=replace(body, skin=mesh, **other))
+
+
+def _subdivided(mesh: SkinMesh) -> SkinMesh:
+    """Every triangle cut in four at the middles of its edges: the same surface."""
+    sides = np.sort(np.stack([mesh.face, np.roll(mesh.face, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    edge, number = np.unique(sides, axis=0, return_inverse=True)
+    ab, bc, ca = (len(mesh.rest) + number.reshape(-1, 3)).T
+    a, b, c = mesh.face.T
+    face = np.stack([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]).transpose(2, 0, 1).reshape(-1, 3)
+    rest = np.concatenate([mesh.rest, mesh.rest[edge].mean(axis=1)])
+    share = np.zeros((len(mesh.rest), mesh.joint.max() + 1), np.float32)
+    np.add.at(share, (np.arange(len(mesh.rest))[:, None], mesh.joint), mesh.weight)
+    share = np.concatenate([share, share[edge].mean(axis=1)])
+    joint = np.argsort(-share, axis=1, kind="stable")[:, :4].astype(np.int32)
+    weight = np.take_along_axis(share, joint, axis=1)
+    return SkinMesh(rest, face.astype(np.int32), joint, weight / weight.sum(axis=1, keepdims=True))
+
+
 _WIDTH, _HEIGHT = 640.0, 400.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 76.0, 108.0, 40.0, 52.0  # around the axes; lines are named on the right
+_LINE = 15.0  # between the names of lines
 _COLOURS = {"raycast": "first", "raster": "second"}
 _EACH = f"time of an evaluation, of {BATCH['cpu']} in a call on the CPU and {BATCH['cuda']:,} on the GPU"
 _TITLES = {
@@ -102,7 +148,7 @@ def _plot(axis: str, lines: list[Line]) -> str:
     sizes = sorted({size for line in lines for size, _ in line.points})
     times = [seconds for line in lines for _, seconds in line.points]
     x = Axis(sizes[0], sizes[-1], _LEFT, _WIDTH - _RIGHT, tuple(sizes), "{:,}".format, logarithmic=True)
-    y = decades(min(times), max(times), _HEIGHT - _BOTTOM, _TOP, _time)
+    y = decades(min(times), max(times), _HEIGHT - _BOTTOM, _TOP)
     title, below = _TITLES[axis]
     parts = [axes(x, y, below, title)]
     for line in lines:
@@ -111,6 +157,25 @@ def _plot(axis: str, lines: list[Line]) -> str:
     ends = [(line.name, _COLOURS[line.renderer], y.at(line.points[-1][1])) for line in lines]
     parts.append(names_of_curves(ends, x.stop + 12))
     return picture((_WIDTH, _HEIGHT), f"{title} against {below}", parts)
+
+
+def decades(low: float, high: float, start: float, stop: float) -> Axis:
+    """A logarithmic axis from the power of ten below ``low`` to the one above ``high``, all powers marked."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    powers = tuple(10.0**i for i in range(first, last + 1))
+    return Axis(powers[0], powers[-1], start, stop, powers, _time, logarithmic=True)
+
+
+def names_of_curves(ends: Iterable[tuple[str, str, float]], left: float) -> str:
+    """Names from ``left`` on beside the ends of curves, moved up where they would overlap.
+
+    Of each curve ``ends`` has its name, its class, and how high it ends.
+    """
+    parts, above = [], math.inf
+    for name, kind, height in sorted(ends, key=lambda end: -end[2]):
+        above = min(height + 4, above - _LINE)
+        parts.append(f'<g class="{kind}">{text((left, above), name, "series", "start")}</g>')
+    return "".join(parts)
 
 
 def _time(seconds: float) -> str:

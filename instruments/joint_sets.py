@@ -1,8 +1,9 @@
 """Make the tables of joint sets of MakeHuman's people: landmarks on the skin, and joint centres from them.
 
-``python instruments/joint_sets.py -o scenes/bodies/joint_sets``. A landmark is a vertex that was chosen on adult_man;
-all shipped people have the same mesh. Centres that the literature gives by lengths and directions are turned into
-weights of landmarks, by least squares over the shipped people with every shape target at -1, 0 and 1.
+``python instruments/joint_sets.py -o scenes/bodies/joint_sets``; ``--picture docs/images/all-joint-sets.png`` draws
+them on two bodies. A landmark is a vertex that was chosen on adult_man; all shipped people have the same mesh. Centres
+that the literature gives by lengths and directions are turned into weights of landmarks, by least squares over the
+shipped people with every shape target at -1, 0 and 1.
 
 Harrington et al., *Prediction of the hip joint centre in adults, children, and patients with cerebral palsy based on
 magnetic resonance imaging* (J. Biomechanics 40, 2007): its equations of pelvic depth and width. Rab et al., *A method
@@ -17,9 +18,12 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 
+from mmocap_warp.body.joint_sets import RIG, JointSet, joint_set
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.result.marker_errors import triangulated
 from mmocap_warp.rigging.shipped import load_body
 
 PEOPLE = ("adult_man", "adult_woman", "tall_slim_adult")
@@ -47,13 +51,18 @@ _PLACES: dict[str, tuple[float, float, float]] = {
     "LBigToe": (0.176, 0.012, 0.215),
     "LSmallToe": (0.238, 0.012, 0.180),
     "LHeel": (0.202, 0.012, -0.052),
+    "LCalcaneus": (0.204, 0.031, -0.051),
+    "LMetatarsal2": (0.189, 0.043, 0.140),
+    "LMetatarsal5": (0.238, 0.037, 0.109),
     "Nose": (0.0, 1.627, 0.172),
     "Pubis": (0.0, 0.925, 0.105),
     "HeadTop": (0.0, 1.780, 0.050),
     "Chin": (0.0, 1.545, 0.135),
+    "RScapula": (-0.084, 1.364, -0.092),
 }
 # Landmarks that the bodies have as markers of Plug-in Gait already.
 _MARKERS = {"LASIS": "LASI", "LPSIS": "LPSI", "C7": "C7", "T10": "T10", "Jugular": "CLAV", "Xiphoid": "STRN"}
+_MARKERS |= {"LHeelAbove": "LHEE"}
 
 
 def landmarks(body: BodyModel) -> dict[str, int]:
@@ -234,7 +243,44 @@ def sets(of: dict[str, Terms]) -> dict[str, dict[str, Point]]:
     for word, letter in (("Left", "L"), ("Right", "R")):
         soma |= {f"{word}{name}": _own(name, f"{letter}{joint}") for name, joint in _SOMA_LIMB.items()}
         soma |= {f"{word}Eye": side(f"{letter}Eye", of), f"{word}ToeEnd": side(f"{letter}BigToe", of)}
-    return {"isb": isb, "coco17": coco, "body25": body25, "h36m17": h36m, "humaneva": humaneva, "soma77": soma}
+    made = {"isb": isb, "coco17": coco, "body25": body25, "h36m17": h36m, "humaneva": humaneva, "soma77": soma}
+    return made | {"rajagopal": rajagopal(isb)}
+
+
+# Markers of Rajagopal's model on the left, by its names without the side: the landmark, and the joint that carries it.
+# Those of the foot are as high over the sole as the model's; which vertices they are was chosen by the ankle's angle in
+# a walk. Its calcaneus is between two vertices.
+_RAJAGOPAL = {
+    "ASI": ("ASIS", "Root"),
+    "PSI": ("PSIS", "Root"),
+    "ACR": ("Acromion", "UpperSpine"),
+    "LEL": ("LateralHumeralEpicondyle", "LShoulder"),
+    "MEL": ("MedialHumeralEpicondyle", "LShoulder"),
+    "FAradius": ("RadialStyloid", "LElbow"),
+    "FAulna": ("UlnarStyloid", "LElbow"),
+    "LFC": ("LateralFemoralEpicondyle", "LHip"),
+    "MFC": ("MedialFemoralEpicondyle", "LHip"),
+    "LMAL": ("LateralMalleolus", "LKnee"),
+    "MMAL": ("MedialMalleolus", "LKnee"),
+    "CAL": ("Calcaneus HeelAbove", "LAnkle"),
+    "TOE": ("Metatarsal2", "LAnkle"),
+    "MT5": ("Metatarsal5", "LAnkle"),
+}
+
+
+def rajagopal(isb: dict[str, Point]) -> dict[str, Point]:
+    """The markers of Rajagopal's model that the body has, and RBAK, the one of Plug-in Gait that the body lacks."""
+    points: dict[str, Point] = {"C7": isb["C7"], "CLAV": isb["Jugular"], "RBAK": ({"RScapula": 1.0}, "UpperSpine", "")}
+    for side in "LR":
+        for joint in ("Shoulder", "Elbow", "Hip", "Knee", "Ankle"):
+            points[f"{side}{joint[0]}JC"] = isb[f"{side}{joint}"]
+        for name, (landmark, carrier) in _RAJAGOPAL.items():
+            terms = mean(*({f"{side}{each}": 1.0} for each in landmark.split()))
+            points[f"{side}{name}"] = terms, carrier if carrier in _MIDDLE else f"{side}{carrier[1:]}", ""
+    return points
+
+
+_MIDDLE = ("Root", "UpperSpine")
 
 
 # SOMA's joints that the body has, at the rig's own places, but for the eyes, the top of the head and the toes.
@@ -266,12 +312,53 @@ def table(points: dict[str, Point], vertex: dict[str, int], vertices: int) -> st
     return "\n".join([*lines, ""])
 
 
+_SCALE, _VIEW = 200.0, (270, 160, 390)  # pixels a metre; widths from the front and from the side, height
+_LEFT, _RIGHT, _MIDDLE_COLOUR = (60, 140, 0), (0, 120, 230), (150, 60, 60)
+
+
+def picture(file: Path, names: list[str]) -> None:
+    """Draw sets on two people, from the front and from their left; crosses are the rig's own joints."""
+    rows = []
+    for person in PEOPLE[:2]:
+        body = load_body(person)
+        rows.append([drawn(body, joint_set(name, body), f"{name}, {person}") for name in names])
+    half = (len(names) + 1) // 2
+    lines = [np.hstack(row[part]) for part in (slice(half), slice(half, None)) for row in rows]
+    cv2.imwrite(str(file), np.vstack(lines), (cv2.IMWRITE_PNG_COMPRESSION, 9))
+
+
+def drawn(body: BodyModel, of: JointSet, title: str) -> np.ndarray:
+    """One set on one body: filled are points that stand for a joint, hollow are others."""
+    views = []
+    for side, width in ((0, _VIEW[0]), (2, _VIEW[1])):
+
+        def pixels(places: np.ndarray, side: int = side, width: int = width) -> np.ndarray:
+            return places[:, [side, 1]].astype(float) * [_SCALE, -_SCALE] + [width / 2, _VIEW[2] - 20]
+
+        image = np.full((_VIEW[2], width, 3), 255, np.uint8)
+        for triangle in pixels(body.skin.rest)[triangulated(body.skin.face)]:
+            cv2.fillConvexPoly(image, (triangle * 16).round().astype(np.int32), (225, 225, 225), cv2.LINE_AA, 4)
+        for name, place, joint in zip(of.names, pixels(of.at_rest(body)), of.counterpart, strict=True):
+            colour = {"L": _LEFT, "R": _RIGHT}.get(name[0].upper() if name != "Root" else "", _MIDDLE_COLOUR)
+            cv2.circle(image, (place * 16).round().astype(int), 56, colour, -1 if joint >= 0 else 1, cv2.LINE_AA, 4)
+        for place in pixels(body.joint_rest):
+            cv2.drawMarker(image, place.round().astype(int), (0, 0, 0), cv2.MARKER_CROSS, 6, 1)
+        views.append(image)
+    cv2.putText(views[0], title, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+    return np.hstack(views)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", type=Path, required=True, metavar="FOLDER", help="where the tables are written")
-    folder = parser.parse_args().o
-    folder.mkdir(exist_ok=True)
+    parser.add_argument("-o", type=Path, metavar="FOLDER", help="where the tables are written")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="where they are drawn")
+    given = parser.parse_args()
     man = load_body(PEOPLE[0])
     vertex = landmarks(man)
-    for name, points in sets(centres(vertex)).items():
-        (folder / f"{name}.toml").write_text(table(points, vertex, len(man.skin.rest)), encoding="utf-8")
+    made = sets(centres(vertex))
+    if given.o:
+        given.o.mkdir(exist_ok=True)
+        for name, points in made.items():
+            (given.o / f"{name}.toml").write_text(table(points, vertex, len(man.skin.rest)), encoding="utf-8")
+    if given.picture:
+        picture(given.picture, [RIG, *made])

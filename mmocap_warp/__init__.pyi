@@ -20,7 +20,7 @@ from mmocap_warp.commands.calibrate import (
     sync,
 )
 from mmocap_warp.commands.caller import Reporter
-from mmocap_warp.commands.clips import ablate, make_sequences
+from mmocap_warp.commands.clips import make_sequences
 from mmocap_warp.commands.demo import demo
 from mmocap_warp.commands.evaluate import evaluate, measure
 from mmocap_warp.commands.live_session import LiveReport, live
@@ -49,7 +49,7 @@ from mmocap_warp.version import __version__ as __version__
 __all__ = [
     "BoardCalibration", "BodyModel", "CameraCheck", "CameraRig", "FitConfig", "InputError", "LiveFrame", "LiveReport",
     "LiveTracker", "Refinement", "Reporter", "Result", "Scene", "SolvedCameras", "Subject", "Synchronisation",
-    "TrackConfig", "UnsolvableError", "UsageError", "__version__", "ablate", "batch", "benchmark", "calibrate_board",
+    "TrackConfig", "UnsolvableError", "UsageError", "__version__", "batch", "benchmark", "calibrate_board",
     "check_cameras", "convert_cameras", "demo", "evaluate", "export", "export_body", "fit", "import_body",
     "import_dataset", "import_humaneva", "init", "learn_body", "live", "load_body", "load_result", "load_scene",
     "load_truth", "make_sequences", "mask", "measure", "minimize", "overlay", "print_board", "refine_cameras",

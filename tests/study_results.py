@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -100,3 +101,22 @@ def made_up_result(cell: Cell, seeds: int, frames: int, truth: bool = True) -> C
             "study": "made-up",
         },
     )
+
+
+def like(
+    cell: Cell, other: Cell, factor: float = 1.0, seeds: int = 3, frames: int = 20, lost: int | None = None
+) -> CellResult:
+    """A result of a cell with the errors of another one's, all times ``factor``."""
+    result = made_up_result(other, seeds, frames)
+    errors = {
+        name: values if name in ("iou", "cost") else (values * factor).astype(np.float32)
+        for name, values in result.per_frame.items()
+    }
+    limbs = {} if lost is None else {"limb_lost": np.full(seeds, float(lost))}
+    return replace(result, cell=cell, per_frame=errors, per_run=result.per_run | limbs)
+
+
+def with_lost_limbs(lost: dict[str, int]) -> Iterator[CellResult]:
+    """Two algorithms on the first sequence with other presets, in each of which so many frames lose a limb."""
+    for name, (preset, count) in product(("h-cmaes", "de"), lost.items()):
+        yield like(Cell(SEQUENCES[0], name, 39, 500, preset), Cell(SEQUENCES[0], name, 39, 500), 3.0, lost=count)

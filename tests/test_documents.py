@@ -78,12 +78,12 @@ def test_the_public_face_goes_from_a_subject_to_a_picture(tmp_path, monkeypatch,
 
 
 def test_a_result_stands_in_its_bind_pose_for_opensim(tmp_path):
-    result = synthetic_result(frames=3)
+    result = synthetic_result(frames=9)
     write_result(tmp_path / "walk.usdc", result)
     (tmp_path / "still.py").write_text(example("measures.md"))
     subprocess.run([sys.executable, "still.py"], cwd=tmp_path, capture_output=True, check=True)
     still = mmocap_warp.load_result(tmp_path / "still.usdc")
-    assert still.pose.shape == (2, 1, result.pose.shape[2])
+    assert still.pose.shape == (2, 8, result.pose.shape[2])
     assert not still.pose.any()
 
 

@@ -1,40 +1,27 @@
-"""From an exported ``.trc`` to joint angles by OpenSim: scaling, markers, inverse kinematics, comparison with ours.
+"""From exported ``.trc`` files to joint angles by OpenSim, and how far they are from ours.
 
-docs/measures.md has the commands; what it printed of the built-in walk is in opensim_angles.txt. It runs in an
-environment of its own, which has opensim and nothing of mmocap.
+    python opensim_angles.py MODEL FOLDER
+
+MODEL is Rajagopal2016.osim or RajagopalLaiUhlrich2023.osim. FOLDER holds ``still.trc`` and ``walk.trc``, both with the
+joint set rajagopal, and ``still/angles.csv`` and ``walk/angles.csv`` by the set isb. ``FOLDER/opensim`` gets the scaled
+model ``person.osim`` and its angles ``walk.mot``. docs/measures.md has the commands; what it printed of three walks
+is in opensim_angles.txt. It runs in an environment of its own, which has opensim and nothing of mmocap.
 """
 
 from __future__ import annotations
 
 import csv
+import os
+import shutil
 import sys
 from pathlib import Path
 
 import numpy as np
 import opensim
 
-# OpenSim's body, the joints of ours whose distance it is scaled by, and the same joints' frames in OpenSim's model.
-_LENGTHS = {
-    "pelvis": ("LHip", "RHip", "femur_l", "femur_r"),
-    "femur_r": ("RHip", "RKnee", "femur_r", "tibia_r"),
-    "femur_l": ("LHip", "LKnee", "femur_l", "tibia_l"),
-    "tibia_r": ("RKnee", "RAnkle", "tibia_r", "talus_r"),
-    "tibia_l": ("LKnee", "LAnkle", "tibia_l", "talus_l"),
-    "torso": ("RHip", "RShoulder", "femur_r", "humerus_r"),
-}
-# Markers of the .trc by the body of OpenSim's model that they are fixed to.
-_MARKERS = {
-    "pelvis": ("LHip", "RHip", "Root", "BottomSpine"),
-    "femur_r": ("RKnee", "RTHI"),
-    "femur_l": ("LKnee", "LTHI"),
-    "tibia_r": ("RAnkle", "RTIB"),
-    "tibia_l": ("LAnkle", "LTIB"),
-    "calcn_r": ("RHEE", "RTOE", "RANK"),
-    "calcn_l": ("LHEE", "LTOE", "LANK"),
-    "torso": ("UpperSpine", "Neck", "LShoulder", "RShoulder"),
-}
+SETUPS = Path(__file__).with_name("opensim")
 # OpenSim's coordinates and the columns of our angles.csv, without the sides' letters.
-_ANGLES = {
+ANGLES = {
     "hip_flexion": "Hip.flexion_deg",
     "hip_adduction": "Hip.adduction_deg",
     "hip_rotation": "Hip.internal_rotation_deg",
@@ -43,123 +30,68 @@ _ANGLES = {
 }
 
 
-def read_trc(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times (frame,) and markers by name, (frame, 3) each [m]."""
-    lines = path.read_text().splitlines()
-    names = [name for name in lines[3].split("\t")[2:] if name]
-    values = np.array([line.split("\t") for line in lines[5:] if line.strip()], float)
-    return values[:, 1], {name: values[:, 2 + 3 * i : 5 + 3 * i] for i, name in enumerate(names)}
-
-
 def read_angles(path: Path) -> dict[str, np.ndarray]:
-    """The columns of angles.csv, by name."""
+    """The angles of angles.csv, by column [degrees]."""
     with path.open(newline="") as file:
         head, *rows = csv.reader(file)
-    return {name: np.array([row[i] or "nan" for row in rows], float) for i, name in enumerate(head)}
+    columns = [(i, name) for i, name in enumerate(head) if name.endswith("_deg")]
+    return {name: np.array([row[i] or "nan" for row in rows], float) for i, name in columns}
 
 
-def coordinates_of(angles: dict[str, np.ndarray], frame: int) -> dict[str, float]:
-    """Values of OpenSim's coordinates in a frame of ours [degrees]."""
-    return {
-        f"{theirs}_{side.lower()}": float(angles[side + ours][frame])
-        for theirs, ours in _ANGLES.items()
-        for side in "LR"
-    }
+def face_along_x(source: Path, target: Path) -> None:
+    """Copy a ``.trc`` whose world is turned about y so that the person faces along x at first, as OpenSim's models do.
 
-
-def scaled(model: opensim.Model, still: dict[str, np.ndarray]) -> opensim.Model:
-    """The model with each body as long as ours is between the same joints; bodies that are not named follow those."""
-    state = model.initSystem()
-
-    def place(body: str) -> np.ndarray:
-        return model.getBodySet().get(body).getPositionInGround(state).to_numpy()
-
-    factor = {
-        body: np.linalg.norm(still[a][0] - still[b][0]) / np.linalg.norm(place(c) - place(d))
-        for body, (a, b, c, d) in _LENGTHS.items()
-    }
-    factor |= {f"{part}_{side}": factor[f"tibia_{side}"] for part in ("talus", "calcn", "toes") for side in "lr"}
-    scales = opensim.ScaleSet()
-    for body in model.getBodySet():
-        of = float(factor.get(body.getName(), factor["torso"]))
-        scale = opensim.Scale()
-        scale.setSegmentName(body.getName())
-        scale.setScaleFactors(opensim.Vec3(of, of, of))
-        scale.setApply(True)
-        scales.cloneAndAppend(scale)
-    model.scale(state, scales, True)
-    return model
-
-
-def put_markers(model: opensim.Model, still: dict[str, np.ndarray], pose: dict[str, float]) -> None:
-    """Fix markers to bodies where they are while somebody stands still: the model stands in the same pose."""
-    state = model.initSystem()
-    right = still["RHip"][0] - still["LHip"][0]
-    pose = pose | {"pelvis_rotation": float(np.degrees(np.arctan2(right[0], right[2])))}
-    for name, degrees in pose.items():
-        model.getCoordinateSet().get(name).setValue(state, np.radians(degrees), False)
-    model.assemble(state)
-    model.realizePosition(state)
-    hips = [model.getBodySet().get(f"femur_{side}").getPositionInGround(state).to_numpy() for side in "lr"]
-    shift = np.mean(hips, axis=0) - (still["LHip"][0] + still["RHip"][0]) / 2
-    ground, found = model.getGround(), []
-    for body, names in _MARKERS.items():
-        frame = model.getBodySet().get(body)
-        for name in names:
-            there = opensim.Vec3(*(still[name][0] + shift))
-            found.append((name, frame, ground.findStationLocationInAnotherFrame(state, there, frame)))
-    for marker in found:
-        model.addMarker(opensim.Marker(*marker))
-    model.finalizeConnections()
-
-
-def solve(model: opensim.Model, trc: Path, output: Path) -> None:
-    """Inverse kinematics: the coordinates of each frame, written as ``.mot``."""
-    for coordinate in model.getCoordinateSet():
-        if coordinate.getName().startswith(("arm_", "elbow_", "pro_sup", "wrist_", "mtp_", "neck_")):
-            coordinate.set_locked(True)  # no marker tells them
-    tool = opensim.InverseKinematicsTool()
-    tool.setModel(model)
-    tool.setMarkerDataFileName(str(trc))
-    time, _ = read_trc(trc)
-    tool.setStartTime(time[0])
-    tool.setEndTime(time[-1])
-    for names in _MARKERS.values():
-        for name in names:
-            task = opensim.IKMarkerTask()
-            task.setName(name)
-            task.setApply(True)
-            task.setWeight(1.0)
-            tool.upd_IKTaskSet().cloneAndAppend(task)
-    tool.set_report_errors(False)
-    tool.setOutputMotionFileName(str(output))
-    tool.run()
-
-
-def main(model_file: str, still_trc: str, still_angles: str, trc: str, angles: str, output: str) -> None:
-    """Scale, put markers, solve, and print how far OpenSim's angles are from ours.
-
-    OpenSim's knee only bends. Where ours also turns a little, OpenSim turns the hip instead: the hip's rotation is
-    compared with the sum of both, too.
+    From the opposite heading OpenSim's solver finds no way.
     """
+    lines = source.read_text().splitlines()
+    names, values = lines[3].split("\t"), np.array([line.split("\t") for line in lines[6:]], float)
+    left, right = (values[0, names.index(name) : names.index(name) + 3] for name in ("LHJC", "RHJC"))
+    x, _, z = (right - left) / np.linalg.norm((right - left)[[0, 2]])  # to the right, which is to be z
+    turn = np.array([[z, 0, -x], [0, 1, 0], [x, 0, z]])
+    points = (values[:, 2:].reshape(len(values), -1, 3) @ turn.T).reshape(len(values), -1)
+    rows = (
+        "\t".join([f"{n:g}", f"{t:.6f}", *(f"{v:.6f}" for v in row)])
+        for (n, t, *_), row in zip(values, points, strict=True)
+    )
+    target.write_text("\n".join([*lines[:6], *rows, ""]))
+
+
+def write_still(angles: dict[str, np.ndarray], target: Path) -> None:
+    """Write the legs' angles while the person stands still as a ``.mot``; the pelvis stands upright."""
+    still = {f"{theirs}_{side.lower()}": angles[side + ours][0] for theirs, ours in ANGLES.items() for side in "LR"}
+    still = {"pelvis_tilt": 0.0, "pelvis_list": 0.0, **still}
+    head = ["still", "version=1", "nRows=8", f"nColumns={1 + len(still)}", "inDegrees=yes", "endheader"]
+    rows = ("\t".join(f"{value:.6f}" for value in (i / 7, *still.values())) for i in range(8))  # OpenSim asks for six
+    target.write_text("\n".join([*head, "\t".join(["time", *still]), *rows, ""]))
+
+
+def main(model_file: str, folder: str) -> None:
+    """Scale, solve, and print the differences."""
     opensim.Logger.setLevelString("error")
-    _, still = read_trc(Path(still_trc))
-    model = scaled(opensim.Model(model_file), still)
-    put_markers(model, still, coordinates_of(read_angles(Path(still_angles)), 0))
-    solve(model, Path(trc), Path(output))
-    solved, ours = opensim.TimeSeriesTable(output), read_angles(Path(angles))
-    print("OpenSim minus ours [degrees]: root mean square, mean, most")
+    work = Path(folder) / "opensim"
+    work.mkdir(exist_ok=True)
+    for setup in SETUPS.glob("*.xml"):
+        shutil.copy(setup, work)
+    for name in ("still.trc", "walk.trc"):
+        face_along_x(Path(folder) / name, work / name)
+    write_still(read_angles(Path(folder) / "still" / "angles.csv"), work / "still.mot")
+    model = opensim.Model(model_file)
+    coordinates = model.updCoordinateSet()
+    for end in (0, 1):  # the model lets nobody turn by more than 90 degrees
+        coordinates.get("pelvis_rotation").set_range(end, (2 * end - 1) * 4 * np.pi)
+    for side in "lr":  # our feet turn inward and outward
+        coordinates.get(f"subtalar_angle_{side}").set_locked(False)
+    model.printToXML(str(work / "Rajagopal2016.osim"))  # the name in scale.xml
+    os.chdir(work)
+    opensim.ScaleTool("scale.xml").run()
+    opensim.InverseKinematicsTool("inverse_kinematics.xml").run()
+    solved, ours = opensim.TimeSeriesTable("walk.mot"), read_angles(Path("../walk/angles.csv"))
+    print(f"{Path(model_file).stem} minus ours [degrees]: root mean square, mean, most, without the mean")
     for side in "LR":
-        for theirs, column in _ANGLES.items():
-            found = solved.getDependentColumn(f"{theirs}_{side.lower()}").to_numpy()
-            print(_row(f"{theirs}_{side.lower()}", found - ours[side + column]))
-            if theirs == "hip_rotation":
-                turned = ours[side + column] + ours[f"{side}Knee.internal_rotation_deg"]
-                print(_row("  from hip + knee", found - turned))
-
-
-def _row(name: str, off: np.ndarray) -> str:
-    return f"{name:18}{np.sqrt((off**2).mean()):6.2f}{off.mean():7.2f}{np.abs(off).max():6.2f}"
+        for theirs, column in ANGLES.items():
+            off = solved.getDependentColumn(f"{theirs}_{side.lower()}").to_numpy() - ours[side + column]
+            values = np.sqrt((off**2).mean()), off.mean(), np.abs(off).max(), off.std()
+            print(f"{theirs}_{side.lower():8}", *(f"{value:6.2f}" for value in values))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""How fast the program is: what ``mmocap bench`` measures, with what, and how it is told.
+"""How fast the program is: what ``mmocap bench`` measures, with what, and its report.
 
-May import: kernels, body, cameras, masks, formats, rigging, silhouettes, optimizers, contour, tracking, display.
+May import: kernels, body, cameras, masks, result, formats, scene, rigging, silhouettes, optimizers, contour, tracking,
+display.
 """

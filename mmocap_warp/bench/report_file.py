@@ -128,10 +128,10 @@ def case_name(row: Row) -> str:
 
 def sizes_in_words(sizes: dict[str, Any], leave: Sequence[str] = ()) -> str:
     """What a time depends on, but for the measure's own sizes and those to ``leave`` out."""
-    told = ((name, value) for name, value in sizes.items() if name not in (*_MEASURE, *leave))
+    shown = ((name, value) for name, value in sizes.items() if name not in (*_MEASURE, *leave))
     return ", ".join(
         _IN_WORDS[name].format(value) if name in _IN_WORDS else f"{value:,} {name.removesuffix('s' * (value == 1))}"
-        for name, value in told
+        for name, value in shown
     )
 
 

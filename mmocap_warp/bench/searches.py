@@ -143,8 +143,8 @@ def _mean(parts: list[Measurement], name: str) -> Measurement:
     times["compiling"] = sum(part.compiling for part in parts)
     sizes = {key: value for key, value in parts[0].sizes.items() if key not in ("dof", "candidates")}
     spent = round(mean(attrgetter("evaluations")))
-    told: dict[str, Any] = {"check": "those of the parts", "ok": all(part.ok for part in parts)}
-    return replace(parts[0], name=name, sizes=sizes, evaluations=spent, **times, **told)
+    checked: dict[str, Any] = {"check": "those of the parts", "ok": all(part.ok for part in parts)}
+    return replace(parts[0], name=name, sizes=sizes, evaluations=spent, **times, **checked)
 
 
 def _cost_is_right(load: Workload, pose: np.ndarray, cost: np.ndarray) -> Check:

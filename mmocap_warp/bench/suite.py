@@ -15,6 +15,7 @@ from typing import Any
 import warp as wp
 
 from mmocap_warp.bench.contours import contour_frames
+from mmocap_warp.bench.end_to_end import Walk, end_to_end
 from mmocap_warp.bench.evaluations import evaluations, moving_parts, stages
 from mmocap_warp.bench.report_file import FORMAT
 from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
@@ -40,6 +41,11 @@ class Plan:
     budget: int = 500  # evaluations of these runs' frames
     seconds: float | None = None  # to spend on each work, about; what suits it where None
 
+    @property
+    def thread_numbers(self) -> list[int]:
+        """Of the CPU, by which times differ."""
+        return sorted({1, self.threads}) if self.device == "cpu" else [1]
+
     @classmethod
     def usual(cls, device: str, threads: int) -> Plan:
         """What takes a CPU less than a minute, and a GPU too."""
@@ -51,7 +57,7 @@ class Plan:
 def run_suite(
     plan: Plan,
     report_step: Callable[[str], None],
-    load: Workload | None = None,
+    load: Workload | Walk | None = None,
     more: Sequence[Callable[[Workload], Steps]] = (),
     packages: Iterable[str] = (),
 ) -> dict[str, Any]:
@@ -60,14 +66,15 @@ def run_suite(
     Args:
         plan: what is measured.
         report_step: called with each step's name.
-        load: what is evaluated; the measure where it is omitted.
+        load: what is evaluated, or the walk from files to result; the measure where it is omitted.
         more: further steps, of the load.
         packages: whose versions the report has besides those that the program needs.
     """
     started, clock, load_before = datetime.now(UTC), time.perf_counter(), _machine_load()
     compiled, load = _compiled_kernels(), load or workload()
     measured: list[Measurement] = []
-    for rows in chain(_steps(plan, load), *(steps(load) for steps in more)):
+    steps = _whole(plan, load) if isinstance(load, Walk) else chain(_steps(plan, load), *(each(load) for each in more))
+    for rows in steps:
         if not measured or rows[0].group != measured[-1].group:
             report_step(rows[0].group)
         measured += rows
@@ -89,8 +96,13 @@ def run_suite(
     }
 
 
+def _whole(plan: Plan, walk: Walk) -> Steps:
+    for cases in end_to_end(walk, plan.device, plan.thread_numbers):
+        yield measure(cases, plan.device, 0.0)
+
+
 def _steps(plan: Plan, load: Workload) -> Steps:
-    device, threads = plan.device, sorted({1, plan.threads}) if plan.device == "cpu" else [1]
+    device, threads = plan.device, plan.thread_numbers
 
     def measured(groups: Iterable[list[Case]], device: str = device, seconds: float | None = None) -> Iterator:
         for cases in groups:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.rigging.decimation import decimate
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.silhouettes.objective import Objective
 
@@ -97,14 +95,12 @@ class Workload:
         return wp.array(self.vertices(self.poses(candidates)), dtype=wp.vec3, device=device)
 
 
-def workload(cameras: int = CAMERAS, size: tuple[int, int] = SIZE, triangles: int | None = None) -> Workload:
-    """The measure, or with other sizes: of cameras on a ring, their width and height [px], and of the mesh.
+def workload(cameras: int = CAMERAS, size: tuple[int, int] = SIZE) -> Workload:
+    """The measure, or with other sizes: of cameras on a ring, and their width and height [px].
 
-    The body fills the same share of an image. Fewer triangles than its own are made by decimation, more by subdivision:
-    4 times, 16 times as many, and so on.
+    The body fills the same share of an image.
     """
-    body = read_body(ROOT / "bodies" / "adult_man.usdc")
-    return Workload(body if triangles is None else _with_triangles(body, triangles), _ring(cameras, size))
+    return Workload(read_body(ROOT / "bodies" / "adult_man.usdc"), _ring(cameras, size))
 
 
 def _ring(cameras: int, size: tuple[int, int]) -> CameraRig:
@@ -120,34 +116,3 @@ def _ring(cameras: int, size: tuple[int, int]) -> CameraRig:
     names, t = tuple(f"cam{k}" for k in range(1, cameras + 1)), -np.einsum("kij,kj->ki", R, eye)
     repeated = np.tile(K, (cameras, 1, 1)), R, t, np.tile(size, (cameras, 1)), np.zeros((cameras, 5))
     return CameraRig(names, *repeated, "+y")
-
-
-def _with_triangles(body: BodyModel, triangles: int) -> BodyModel:
-    """The body with another tracking mesh, which is its skin too; it has no shapes and no markers."""
-    mesh = body.tracking
-    if triangles < len(mesh.face):
-        kept, face = decimate(mesh.rest.astype(float), mesh.face, triangles)
-        mesh = SkinMesh(mesh.rest[kept], face, mesh.joint[kept], mesh.weight[kept])
-    while len(mesh.face) < triangles:
-        mesh = _subdivided(mesh)
-    vertices = len(mesh.rest)
-    other: dict[str, Any] = {"tracking_vertex": np.arange(vertices, dtype=np.int32), "tracking_face": mesh.face}
-    other |= {"shape_vertex": np.zeros((0, vertices, 3), np.float32), "shape_joint": body.shape_joint[:0]}
-    other |= {"shape_names": (), "marker_names": (), "marker_vertex": np.zeros(0, np.int32)}
-    return replace(body, skin=mesh, **other)
-
-
-def _subdivided(mesh: SkinMesh) -> SkinMesh:
-    """Every triangle cut in four at the middles of its edges: the same surface."""
-    sides = np.sort(np.stack([mesh.face, np.roll(mesh.face, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-    edge, number = np.unique(sides, axis=0, return_inverse=True)
-    ab, bc, ca = (len(mesh.rest) + number.reshape(-1, 3)).T
-    a, b, c = mesh.face.T
-    face = np.stack([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]).transpose(2, 0, 1).reshape(-1, 3)
-    rest = np.concatenate([mesh.rest, mesh.rest[edge].mean(axis=1)])
-    share = np.zeros((len(mesh.rest), mesh.joint.max() + 1), np.float32)
-    np.add.at(share, (np.arange(len(mesh.rest))[:, None], mesh.joint), mesh.weight)
-    share = np.concatenate([share, share[edge].mean(axis=1)])
-    joint = np.argsort(-share, axis=1, kind="stable")[:, :4].astype(np.int32)
-    weight = np.take_along_axis(share, joint, axis=1)
-    return SkinMesh(rest, face.astype(np.int32), joint, weight / weight.sum(axis=1, keepdims=True))

@@ -13,7 +13,7 @@ from mmocap_warp.biomechanics.joint_angles import held_angles, joint_angles, joi
 from mmocap_warp.biomechanics.segments import Sex, centre_of_mass, skin_place
 from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor, walking
 from mmocap_warp.body.joint_sets import JointSet
-from mmocap_warp.body.model import Subject
+from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.result.result import Result
 
@@ -30,10 +30,8 @@ def bone_lengths(subject: Subject, joint_set: JointSet | None = None) -> dict[st
 
     The points of a set stand for the joints that they are other definitions of.
     """
-    skeleton, place = subject.body.skeleton, subject.body.joint_rest.astype(float)
-    if joint_set is not None:
-        stand = joint_set.counterpart >= 0
-        place[joint_set.counterpart[stand]] = joint_set.at_rest(subject.body)[stand]
+    skeleton = subject.body.skeleton
+    place = (subject.body if joint_set is None else joint_set.centred(subject.body)).joint_rest.astype(float)
     # Standard deviations by a bone's lower joint. A fit names both sides: `body.bone.LKnee+RKnee.sigma`.
     start, end = "body.bone.", ".sigma"
     sigma = {
@@ -80,7 +78,8 @@ class Measures:
         left_out: what the body has no joints for.
         held: a person's angles that the model does not search, and which are left out, such as ``LElbow pronation``.
         files: the tables and plots that were written.
-        joint_set: whose points the table of joints and the lengths have; None for the body's own joints.
+        joint_set: whose points the table of joints, the lengths and the long axes of limbs have; None for the body's
+            own joints.
     """
 
     result: Result
@@ -109,7 +108,13 @@ class Measures:
         return bone_lengths(self.result.subject, self.joint_set)
 
 
-def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex | None = None) -> Measures:
+def measure(
+    result: Result,
+    run: int | None = None,
+    raw: bool = False,
+    sex: Sex | None = None,
+    joint_set: JointSet | None = None,
+) -> Measures:
     """Joint angles, contacts, steps and centre of mass of every frame.
 
     Args:
@@ -117,6 +122,7 @@ def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex 
         run: which run; None for all.
         raw: the track before it was smoothed.
         sex: whose shares of mass the segments have; None for the mean of both.
+        joint_set: whose centres the table of joints, the lengths and the angles go by; None for the body's own joints.
 
     Raises:
         ValueError: no such run, or no track before it was smoothed.
@@ -128,16 +134,24 @@ def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex 
         raise ValueError("raw must be False for a track that was not smoothed")
     chosen = range(len(poses)) if run is None else [run]
     held = _angles_not_searched(result, poses[chosen[0]][0])
-    measured = tuple(_measure_run(result, poses[number], number, raw, sex, held) for number in chosen)
+    centred = result.subject.body if joint_set is None else joint_set.centred(result.subject.body)
+    measured = tuple(_measure_run(result, poses[number], number, raw, sex, held, centred) for number in chosen)
     body, first = result.subject.body, measured[0]
     left_out = [f"angles of {joint}" for joint in joints_left_out(body)]
     left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in first.feet]
     left_out += ["centre of mass"] if first.centre_of_mass is None else []
-    return Measures(result, raw, sex, measured, tuple(left_out), tuple(f"{joint} {name}" for joint, name in held))
+    names = tuple(f"{joint} {name}" for joint, name in held)
+    return Measures(result, raw, sex, measured, tuple(left_out), names, joint_set=joint_set)
 
 
 def _measure_run(
-    result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None, held: list[tuple[str, str]]
+    result: Result,
+    pose: np.ndarray,
+    run: int,
+    raw: bool,
+    sex: Sex | None,
+    held: list[tuple[str, str]],
+    centred: BodyModel,
 ) -> RunMeasures:
     subject, body = result.subject, result.subject.body
     transforms = Poser(body, subject.root_base).joint_transforms(pose)
@@ -152,7 +166,7 @@ def _measure_run(
     }
     angles = {
         joint: {name: angle for name, angle in own.items() if (joint, name) not in held}
-        for joint, own in joint_angles(body, transforms).items()
+        for joint, own in joint_angles(centred, transforms).items()
     }
     angles = {joint: own for joint, own in angles.items() if own}
     return RunMeasures(

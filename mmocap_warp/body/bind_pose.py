@@ -26,14 +26,15 @@ class BindPoseTurns(NamedTuple):
     joint: np.ndarray  # (turn, joint, 3) float64, likewise the joints' centres
 
 
-def bind_pose_turns(body: BodyModel) -> BindPoseTurns:
+def bind_pose_turns(body: BodyModel, weight: np.ndarray | None = None) -> BindPoseTurns:
     """How parts, with all that hangs on them, may be turned at their joints about the body's axes.
 
     The centre of a joint in a thick limb may lie anywhere in it, and a bone is the line between two centres: so a part
     turns in proportion to how thick it is for its length. Where no skin bends (:func:`thickness`) nothing is turned.
+    Who knows the :func:`mirrored_weights` may give them.
     """
     rest, place = body.skin.rest.astype(np.float64), body.joint_rest.astype(np.float64)
-    weight, below = mirrored_weights(body), body.skeleton.below
+    weight, below = mirrored_weights(body) if weight is None else weight, body.skeleton.below
     thick = thickness(body, weight)
     length = _mean_distance(body, weight)
     groups = list(mirrored_joints(body).values())

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,12 @@ class JointSet:
         """The points of the body in its bind pose, (point, 3) float64 [m]."""
         places: np.ndarray = self.vertex_weight @ body.skin.rest[self.vertex] + self.joint_weight @ body.joint_rest
         return places
+
+    def centred(self, body: BodyModel) -> BodyModel:
+        """The body whose joints have their counterparts' places in the bind pose: for measures, not to be posed."""
+        place, stand = body.joint_rest.copy(), self.counterpart >= 0
+        place[self.counterpart[stand]] = self.at_rest(body)[stand]
+        return replace(body, joint_rest=place)
 
     def positions(self, subject: Subject, pose: np.ndarray) -> np.ndarray:
         """The points in the world for full poses (n, coordinate): (n, point, 3) float64 [m]."""

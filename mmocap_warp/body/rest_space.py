@@ -55,14 +55,14 @@ class RestSpace:
     body: BodyModel  # the body at ``beta = 0``
 
     @cached_property
-    def _weight(self) -> np.ndarray:
+    def weight(self) -> np.ndarray:
         """(vertex, joint) skinning weights, the same on both sides."""
         return mirrored_weights(self.body)
 
     @cached_property
     def _columns(self) -> tuple[_Column, ...]:
         """All parameters but the scale."""
-        groups, weight = mirrored_joints(self.body), self._weight
+        groups, weight = mirrored_joints(self.body), self.weight
         return (*_sliders(self.body), *_bones(self.body, groups, weight), *_girths(self.body, groups, weight))
 
     @cached_property
@@ -93,7 +93,7 @@ class RestSpace:
         alone: dict[str, tuple[int, ...]] = {name: (joints.index(name),) for pair in pairs for name in pair}
         columns: dict[str, _Column] = {}
         if alone and not body.rigid:
-            of_each = *_bones(body, alone, self._weight), *_girths(body, alone, self._weight)
+            of_each = *_bones(body, alone, self.weight), *_girths(body, alone, self.weight)
             columns = {one.name: one for one in of_each}
         both = [[columns.get(f"{kind}.{name}") for name in pair] for kind in ("bone", "girth") for pair in pairs]
         two_sided = [(left, right) for left, right in both if left and right]

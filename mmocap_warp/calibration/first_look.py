@@ -165,7 +165,7 @@ def few_masks(
 
 def _mask_fault(scene: Scene, rig: CameraRig, frames: Sequence[list[np.ndarray]]) -> tuple[str | None, str]:
     """What is wrong with the masks by themselves, and what to do; None where nothing is."""
-    remedy = "docs/masks.md tells how to make masks; look at them with: mmocap mask"
+    remedy = "docs/masks.md says how to make masks; look at them with: mmocap mask"
     shares = np.array([[mask.mean() for mask in masks] for masks in frames])
     for name, share in zip(rig.names, np.median(shares, axis=0), strict=True):
         if share > _FULL:

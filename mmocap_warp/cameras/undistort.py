@@ -38,10 +38,14 @@ class Undistortion:
 
     def image(self, image: np.ndarray) -> np.ndarray:
         """Resample a gray or BGR image; what lies outside the recorded image is black."""
-        if self._keeps_pixels and image.shape[:2] == self.fraction.shape:
-            samples = image.copy()
-        else:
-            samples = cv2.remap(image, self.position, self.fraction, cv2.INTER_LINEAR, borderValue=0)
+        if self._keeps_pixels and image.shape[:2] == self.fraction.shape and self.oversampling == 1:
+            return image.copy()
+        return self._part(image, slice(None), slice(None))
+
+    def _part(self, image: np.ndarray, rows: slice, columns: slice) -> np.ndarray:
+        """The pixels of some samples, which are whole pixels'."""
+        position, fraction = self.position[rows, columns], self.fraction[rows, columns]
+        samples = cv2.remap(image, position, fraction, cv2.INTER_LINEAR, borderValue=0)
         if self.oversampling == 1:
             return samples
         size = (samples.shape[1] // self.oversampling, samples.shape[0] // self.oversampling)
@@ -49,7 +53,25 @@ class Undistortion:
 
     def mask(self, mask: np.ndarray) -> np.ndarray:
         """Resample a boolean mask: a pixel is foreground if more than half of it is."""
-        return self.image(mask.view(np.uint8) * np.uint8(255)) > 127
+        n, box = self.oversampling, cv2.boundingRect(mask.view(np.uint8))
+        resampled = np.zeros([length // n for length in self.fraction.shape], bool)
+        # Foreground is where samples lie in the box around what was foreground, or beside it.
+        near = []
+        for (lowest, highest), first, length in zip(self._extent, box[1::-1], box[:1:-1], strict=True):
+            inside = np.flatnonzero((highest >= first - 1) & (lowest < first + length)) // n
+            near.append(slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0))
+        if resampled[tuple(near)].size and box[2]:
+            samples = (slice(n * part.start, n * part.stop) for part in near)
+            resampled[tuple(near)] = self._part(mask.view(np.uint8) * np.uint8(255), *samples) > 127
+        return resampled
+
+    @cached_property
+    def _extent(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The lowest and the highest recorded row of each row of samples, and the same of columns."""
+        return [
+            (at.min(axis=axis), at.max(axis=axis))
+            for at, axis in ((self.position[..., 1], 1), (self.position[..., 0], 0))
+        ]
 
 
 def undistortion(

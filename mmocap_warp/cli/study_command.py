@@ -5,30 +5,24 @@ from __future__ import annotations
 import os
 import sys
 import tomllib
-from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
-from statistics import fmean
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli import COMMANDS
-from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, attributes, command, several
+from mmocap_warp.cli.command import ANY_NUMBER, BY_PLACE, Answer, Given, attributes, command, several
 from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
 if TYPE_CHECKING:
     from mmocap_warp.commands.studies import StudyRun
-    from mmocap_warp.study.ablation import AblationCell
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
 bench_app = App(name="bench", version_flags=[])
 _COMPARE = Parameter(help="An earlier report: show how many times as quick each line is now.")
 _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
-_TABLES = tomllib.loads(Path(__file__).with_name("study_tables.toml").read_text("utf-8"))
-_COLUMNS, _ABLATED = _TABLES["run"], _TABLES["ablate"]
-_OF_SEEDS: dict[str, Callable[[list[float]], float]] = {"mean": fmean, "min": min, "max": max}
-_ROW = ("clip", "purpose", "degradation", "start", "tracker")  # what a line of the table is about
+_COLUMNS = tomllib.loads(Path(__file__).with_name("study_tables.toml").read_text("utf-8"))
 
 
 @command("batch:batch", order="steps plan output")
@@ -148,44 +142,13 @@ def report(call: Any, results: Path, more: tuple[Path, ...]) -> Answer:
     return Answer(values | {"mixed_code": written.mixed_code or None}, [written.page, written.tables, written.cells])
 
 
-@app.command(help="Track clips, made worse in several ways, with several trackers.", sort_key=2)
-@command(
-    "clips:ablate",
-    clips=several("--clip"),
-    degradations=several("--degrade"),
-    starts=several("--start"),
-    trackers=several("--tracker"),
-)
-def ablate(call: Any, console: Console, folder: Path) -> Answer:
-    done = 0
-
-    def show(cell: AblationCell, measures: dict[str, Any], total: int) -> None:
-        nonlocal done
-        done += 1
-        known = {name: value for name, value in measures.items() if name in _ABLATED and value is not None}
-        titled = [f"{title} {known[name]:{kind}}" for name, (title, kind, _) in _ABLATED.items() if name in known]
-        console.note(f"{done} of {total}: {cell}: {', '.join(titled)}")
-
-    rows = call(show=show)
-    return Answer({"folder": folder, "cells": rows}, [_ablation_table(rows)])
-
-
-def _ablation_table(rows: list[dict[str, Any]]) -> str:
-    """A line per clip, degradation and tracker, over the seeds."""
-    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row["cell"][name] for name in _ROW), []).append(row["measures"])
-    lines = [("clip", "for", "degradation", "start", "tracker", "seeds", *(title for title, *_ in _ABLATED.values()))]
-    for key, seeds in groups.items():
-        known = {name: [one[name] for one in seeds if one[name] is not None] for name in _ABLATED}
-        shown = ((known[name], kind, how) for name, (_, kind, how) in _ABLATED.items())
-        values = [format(_OF_SEEDS[how](each), kind) if each else "-" for each, kind, how in shown]
-        lines.append((*key, str(len(seeds)), *values))
-    return f"{table(lines, left=len(_ROW))}\n\n{_TABLES['legend']['ablate']}"
-
-
 @bench_app.default
-@command("studies:benchmark", order="device threads compare output", compare=Annotated[Path | None, _COMPARE])
+@command(
+    "studies:benchmark",
+    order="device threads compare output",
+    compare=Annotated[Path | None, _COMPARE],
+    what=Given(Literal["kernels", "end-to-end"], kind=BY_PLACE),
+)
 def bench(call: Any, compare: Path | None) -> Answer:
     from mmocap_warp.bench.report_file import read_report, rendered, to_text
 

@@ -108,7 +108,7 @@ class TrialWorker:
         self._where: dict[str, Any] = {"device": self.device, "threads": threads}
 
     def work(self, job: Trial) -> Iterator[Advance | Refusal | dict[str, Any]]:
-        """Do the steps: tells of each, and last what they gave, or why they could not be done."""
+        """Do the steps: yields each, and last what they gave, or why they could not be done."""
         try:
             mark = job.folder / f"begun.{job.key}"
             if not mark.exists():
@@ -217,7 +217,7 @@ def batch(
         gpus: ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
         minutes: of the run, from when its workers are started; the same command goes on.
         show: called with the status, at least twice a second.
-        reporter: who is told of scenes that are given up.
+        reporter: receives scenes that are given up.
 
     Raises:
         UsageError: arguments that cannot be.

@@ -59,7 +59,7 @@ def calibrate_board(
         person: a scene, with masks, of somebody who walks before these cameras: the floor is at zero below the walk's
             middle, z is up. Its own calibration is not used.
         force: replace files that exist.
-        reporter: who is told of progress.
+        reporter: receives progress.
 
     Raises:
         UsageError: no such board, or both ``floor`` and ``person``.

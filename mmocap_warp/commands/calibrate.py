@@ -128,7 +128,7 @@ def sync(
             somebody who only walks, motion determines lags of less than half of that.
         trust_cameras: go on even if masks and a calibration, where there is one, fit no body.
         write: put the offsets into the scene file if all of them are sure, and leave everything else in it as it is.
-        reporter: who is told of progress.
+        reporter: receives progress.
 
     Raises:
         UsageError: ``within`` is no time.
@@ -170,7 +170,7 @@ def check_cameras(
         pictures: folder for a picture of each camera that disagrees: its mask, and the outline of the body of the other
             views as the camera is calibrated (red) and as it would be put right (green).
         force: write into a folder that holds files.
-        reporter: who is told of notes and progress.
+        reporter: receives notes and progress.
         settings: of an ``AdjustConfig``: ``scale``, ``seed``, ``device``, ``threads``.
 
     Raises:
@@ -235,7 +235,7 @@ def refine_cameras(
         identity: of the person who is meant, where masks show several.
         trust_cameras: go on even if masks and calibration fit no body for a reason that this does not mend.
         force: replace a file that exists.
-        reporter: who is told of notes and progress.
+        reporter: receives notes and progress.
         settings: of an ``AdjustConfig``: ``scale``, ``seed``, ``device``, ``threads``; and of ``Deviations``:
             ``rotation``, ``position``, ``focal``, ``centre``, ``offset``.
 

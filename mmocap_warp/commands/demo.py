@@ -77,7 +77,7 @@ def demo(
             legs or an arm.
         output: the folder to write, made if it does not exist.
         paper: track the walk with the paper's best tracker too, from the same fit, and put both beside each other.
-        reporter: who is told of notes and progress.
+        reporter: receives notes and progress.
 
     Raises:
         UsageError: no such example, or ``paper`` of another one than the walk.

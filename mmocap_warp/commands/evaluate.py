@@ -45,9 +45,9 @@ def evaluate(
         truth_axes: of a .trc: which of its axes are the world's x, y and z, such as zxy.
         scene: the scene, if it is no longer where the result says.
         frames: which of the result's frames. [default: all]
-        joint_set: by which definitions joints are compared: rig, isb, coco17, body25, h36m17, humaneva, coco-anny, or a
-            .toml file.
-        reporter: who is told of warnings.
+        joint_set: by which definitions joints are compared: rig, isb, coco17, body25, h36m17, humaneva, rajagopal,
+            soma77, coco-anny, or a .toml file.
+        reporter: receives warnings.
 
     Returns:
         What :func:`mmocap_warp.result.evaluation.evaluate` gives and, as ``verdict``, how far it is to be
@@ -143,7 +143,7 @@ def measure(
         sex: whose shares of mass the body's segments have: female or male. [default: the mean of both]
         output: a folder for every frame's figures as .csv, and plots of angles and feet as .svg.
         frames: which of the result's frames. [default: all]
-        joint_set: whose points the table of joints and the lengths of bones have, as eval takes it; angles stay.
+        joint_set: whose centres the table of joints, the lengths of bones and the angles go by, as eval takes it.
         force: write into a folder that holds something.
 
     Returns:
@@ -162,7 +162,7 @@ def measure(
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     start_warp()
     with arguments_checked():
-        measures = replace(measure_all.measure(tracked, run, raw, sex), joint_set=points)
+        measures = measure_all.measure(tracked, run, raw, sex, points)
     return measures if folder is None else replace(measures, files=tuple(_write(folder, measures)))
 
 

@@ -40,7 +40,7 @@ def scene_from(
     """A scene by its file or folder, or as it is; of it the frames and the person that are asked for.
 
     A scene of several people is that of the ``person`` of this name. Without ``calibrated`` there need not be a
-    calibration; ``source`` is that of :func:`load_scene`, for a file. A reporter is told where given masks show more
+    calibration; ``source`` is that of :func:`load_scene`, for a file. A reporter hears where given masks show more
     than one person, and how to choose: one person is tracked at a time.
 
     Raises:
@@ -244,7 +244,7 @@ def look_first(
     Args:
         scene: the recording.
         body: who is to be tracked; None where the size does not count.
-        reporter: who is told of doubts.
+        reporter: receives doubts.
         trust: go on even if they cannot.
         start: the subject, where it is known.
         to_be_mended: small errors of cameras and times are about to be put right.
@@ -262,8 +262,8 @@ def look_first(
     if looked.problem is not None and not (trust or hidden):
         remedy = f"{looked.remedy}; or go on with --trust-cameras"
         raise InputError(scene.path, looked.problem, remedy)
-    told = "is trusted" if trust else "what is in front of the subject may be why"
-    for doubt in (*looked.doubts, *([f"{looked.problem}, and {told}"] if looked.problem else [])):
+    despite = "is trusted" if trust else "what is in front of the subject may be why"
+    for doubt in (*looked.doubts, *([f"{looked.problem}, and {despite}"] if looked.problem else [])):
         reporter.note(f"cameras: {doubt}")
     return {"trusted_cameras": looked.problem} if looked.problem and trust else {}
 

@@ -68,7 +68,7 @@ def live(
     reporter: Reporter | None = None,
     **settings: Any,
 ) -> LiveReport:
-    """Track while frames come, and tell other programs of each frame twice: at once, and smoothed up to 9 frames later.
+    """Track while frames come, and send each pose to other programs twice: at once, and smoothed up to 9 frames later.
 
     Args:
         scene: the recording, or its file or folder: cameras, and how masks are made.
@@ -77,18 +77,18 @@ def live(
         source: where frames come from: a folder in which one of numbered images grows for each camera, a ZMQ address
             such as tcp://127.0.0.1:5555, or for each camera what OpenCV opens, a number or an address such as
             rtsp://... [default: the scene's own files, at their pace]
-        to: who is told: tcp://HOST:PORT (ZMQ), ws://HOST:PORT (WebSocket, and a page to look at), vmc://HOST:PORT or
+        to: who listens: tcp://HOST:PORT (ZMQ), ws://HOST:PORT (WebSocket, and a page to look at), vmc://HOST:PORT or
             vmc://HOST:PORT?smooth (VMC by OSC), lsl://NAME (LSL).
         record: a result's file that is written as it goes: .usdc, .usda or .usd. If a session is killed, the next one
             with the same file makes a result of its frames first.
         frames: which of the recording's frames. [default: those that the scene names]
         force: replace a result that exists.
-        reporter: who is told of notes.
+        reporter: receives notes.
         settings: fields of :class:`TrackConfig` that replace those of ``config``.
 
     Raises:
         UsageError: a setting or an address that cannot be. TypeError: a setting that does not exist.
-        InputError: anything wrong with the scene, the subject, the source or who is told; or a package is missing.
+        InputError: anything wrong with the scene, the subject, the source or an address; or a package is missing.
     """
     reporter = reporter or Reporter()
     file = None if record is None else new_file(record, *USD_SUFFIXES, force=True)
@@ -121,7 +121,7 @@ def live(
 def _track(
     tracker: LiveTracker, coming: Iterator[Arrival], listeners: list[Any], about: _About, reporter: Reporter
 ) -> LiveReport:
-    """Track what is coming, and tell listeners."""
+    """Track what is coming, and send it to listeners."""
     (subject, rig, rate), report, seen, last, silent = about, LiveReport(), 0.0, None, set[str]()
     times: dict[int, float] = {}  # of the frames that are not smoothed yet
     delays = deque[float](maxlen=_DELAYS)

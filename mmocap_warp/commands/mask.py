@@ -72,7 +72,7 @@ def mask(
         consistent: fill what all other views contradict and cut what no other view supports; it takes four views.
             [default: if a program makes the masks]
         force: write into a folder that holds files.
-        reporter: who is told of notes and progress.
+        reporter: receives notes and progress.
 
     Raises:
         UsageError: a scale or frames that cannot be.
@@ -156,7 +156,7 @@ def _remedy(scene: Scene, folder: Path) -> str:
         )
     if scene.foreground.source == "masks":
         return (
-            look + "are they of the right subject, all of it, and in step? docs/masks.md tells how to make better ones"
+            look + "are they of the right subject, all of it, and in step? docs/masks.md says how to make better ones"
         )
     return look + "docs/scene.md has the settings of [foreground], docs/masks.md other ways to make masks"
 

@@ -92,7 +92,7 @@ def synthesize(
         perfect: masks without faults; by default they have ragged contours, holes and specks.
         seed: of the faults.
         force: write into a folder that holds files.
-        reporter: who is told of progress.
+        reporter: receives progress.
 
     Raises:
         UsageError: no camera, or images of no size.
@@ -135,7 +135,7 @@ def import_humaneva(
         first: first frame in HumanEva's own numbers, which count from 1. [default: 6, the first usable one]
         last: last frame, included. [default: the last of HumanEva's own list]
         force: write into a folder that holds files.
-        reporter: who is told of warnings.
+        reporter: receives warnings.
 
     Raises:
         InputError: data that are missing or cannot be read.
@@ -163,7 +163,7 @@ def import_dataset(
         parts: which recording, such as S1 Seq1; see the docs on sequences.
         output: the folder to write; the scene's file is scene.toml there.
         force: write into a folder that holds files.
-        reporter: who is told of warnings.
+        reporter: receives warnings.
 
     Raises:
         UsageError: an unknown data set, or too few or too many parts.

@@ -77,7 +77,7 @@ def show(
         deviations: draw ellipses of ten standard deviations at the joints.
         strip: also write a small animated picture for a README beside the video, .webp.
         force: replace files that exist.
-        reporter: who is told of progress.
+        reporter: receives progress.
 
     Raises:
         UsageError: frames that the result does not have, no ``output`` for what has no file, a wrong ``slow``.
@@ -205,7 +205,7 @@ def view(
         output: the page's file, .html. The command writes it beside the result unless it is named.
         rerun: also write the best run as a recording of Rerun's, .rrd; it needs the package rerun-sdk.
         force: replace files that exist.
-        reporter: who is told of progress.
+        reporter: receives progress.
 
     Raises:
         InputError: the scene or the truth is of another recording, an image cannot be read, or a file not written.
@@ -269,7 +269,8 @@ def export(
         fps: frames per second, resampled by time. [default: the result's own]
         up: turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
             [default: the result's own, or the format's]
-        rig: name and bind the body as this rig, in its rest pose.
+        rig: name and bind the body as this rig, in its rest pose: mixamo, unity, unreal, vrm or soma. [default: vrm in
+            a .vrma]
         joint_set: tables of points only: whose joints they hold, as eval takes it.
         bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
         force: replace files that exist.
@@ -281,6 +282,10 @@ def export(
     output = Path(output)
     new_file(output, *table.EXPORT_SUFFIXES, force=force or run == "all")
     _check_format(output, up, bake)
+    if output.suffix.lower() == ".vrma":
+        if rig not in (None, "vrm"):
+            raise UsageError(f"--rig {rig} cannot be in a .vrma; leave it out, or end the output in .glb")
+        rig = "vrm"
     if joint_set != RIG and not table.export_format(output).takes_joint_set:
         fitting = ", ".join(ending for each in table.EXPORTS if each.takes_joint_set for ending in each.suffixes)
         raise UsageError(f"--joint-set cannot be in {output.suffix}; end the output in one of {fitting}")

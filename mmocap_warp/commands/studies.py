@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from mmocap_warp.bench import report_file, suite
+from mmocap_warp.bench.end_to_end import Walk
 from mmocap_warp.commands.caller import Reporter, engine_of, start_warp
 from mmocap_warp.commands.outputs import lock, new_file, releases_locks
 from mmocap_warp.device.cores import available_threads
@@ -164,7 +165,7 @@ def report_study(
         alone: a folder of results of one seed, tracked one at a time: what a frame takes. They stand in no table but
             the times.
         force: replace files that exist.
-        reporter: who is told of results that are left out, and of mixed code.
+        reporter: receives results that are left out, and of mixed code.
 
     Raises:
         InputError: no results, or files that cannot be written.
@@ -208,6 +209,7 @@ def report_study(
 def benchmark(
     output: str | Path | None = None,
     *,
+    what: Literal["kernels", "end-to-end"] = "kernels",
     device: str = "auto",
     threads: int | None = None,
     force: bool = False,
@@ -217,10 +219,11 @@ def benchmark(
 
     Args:
         output: write the report, .json.
+        what: kernels, or end-to-end: the shipped walk from files to result, in stages.
         device: auto (the first CUDA device, or the CPU), cpu, or a CUDA device such as cuda:0.
         threads: CPU threads beside one. [default: all]
         force: replace a file that exists.
-        reporter: who is told of each step.
+        reporter: receives each step.
 
     Returns:
         The report; ``ok`` says whether all answers are right.
@@ -229,12 +232,15 @@ def benchmark(
         UsageError: a device or number of threads that cannot be.
         InputError: a file that cannot be written.
     """
+    if what not in ("kernels", "end-to-end"):
+        raise UsageError(f"WHAT must be kernels or end-to-end, got {what!r}")
     if threads is not None and threads < 1:
         raise UsageError(f"--threads must be at least 1, got {threads}")
     file = None if output is None else new_file(output, ".json", force=force)
     start_warp(device)
     plan = suite.Plan.usual(resolve_device(device), threads or available_threads())
-    report = suite.run_suite(plan, lambda step: (reporter or Reporter()).note(f"bench: {step}"))
+    walk = Walk() if what == "end-to-end" else None
+    report = suite.run_suite(plan, lambda step: (reporter or Reporter()).note(f"bench: {step}"), walk)
     if file is not None:
         report_file.write_report(file, report)
     return report

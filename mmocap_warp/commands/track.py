@@ -86,7 +86,7 @@ def fit(
         person: the name of who is meant, of the people in the scene. [default: the scene's, or each in turn]
         trust_cameras: go on even if masks and calibration fit no body; the subject says so.
         force: replace a file that exists.
-        reporter: who is told of notes and progress.
+        reporter: receives notes and progress.
         settings: fields of :class:`FitConfig` that replace those of ``config``, such as ``headings=4``.
 
     Raises:
@@ -200,7 +200,7 @@ def track(
         accept_changed_code: resume also where another version of the program began; its frames stay as they are.
         trust_cameras: go on even if masks and calibration fit no body; the result says so.
         force: replace a result that exists.
-        reporter: who is told of notes and progress.
+        reporter: receives notes and progress.
         settings: fields of :class:`TrackConfig` that replace those of ``config``, such as ``evaluations=200``.
 
     Raises:
@@ -356,9 +356,9 @@ def _refined(
     if not offsets:
         reporter.note("cameras: as given, no change explains the masks significantly better")
         return scene, {}
-    told = "in memory" if kept is None else kept.name
-    reporter.note(f"cameras: refined, {told}")
-    return scene.with_cameras(rig, offsets), {"refined_cameras": told}
+    kept_in = "in memory" if kept is None else kept.name
+    reporter.note(f"cameras: refined, {kept_in}")
+    return scene.with_cameras(rig, offsets), {"refined_cameras": kept_in}
 
 
 def _starts_from(
@@ -406,7 +406,7 @@ def _check_model(body: BodyModel, scene: Scene, config: TrackConfig, given: dict
 
 
 def _tracked(scene: Scene, subject: Subject, config: TrackConfig, reporter: Reporter, **resumption: Any) -> Result:
-    """Track, and tell of progress: first of the frames, then of the frames whose smoothed poses are final."""
+    """Track, and report progress: first of the frames, then of the frames whose smoothed poses are final."""
     total, evaluations = scene.frame_count, 0
     with ExitStack() as stages:
         progress: Progress = stages.enter_context(reporter.stage("track"))

@@ -30,9 +30,18 @@ class Upload:
         return self._values
 
     def send(self, rows: int) -> None:
-        """Let the first rows of the values take their place in the device's queue."""
+        """Let the first rows of the values take their place in the device's queue; a graph may hold this.
+
+        Whoever replays it says so by :meth:`sent`, or reads what it finds before the values are written again.
+        """
         if self._sent:
             _copy_rows(self._array, self._host, rows)
+            if not self._array.device.is_capturing:
+                self.sent()
+
+    def sent(self) -> None:
+        """What was queued last is waited for before the values are written again."""
+        if self._sent:
             self._array.device.stream.record_event(self._sent)  # the current device may be another one
 
 
@@ -46,6 +55,7 @@ class Download:
     def __init__(self, arrays: Sequence[Any]) -> None:
         self._arrays = arrays
         self._host = [_host_side(array) for array in arrays]
+        self._values: list[np.ndarray] = [host.numpy() for host in self._host]
         self._device = arrays[0].device
 
     def fetch(self, rows: int) -> None:
@@ -58,7 +68,7 @@ class Download:
         """Wait, and give copies of the rows that were fetched."""
         if self._device.is_cuda:
             wp.synchronize_stream(self._device.stream)
-        return [host.numpy()[:rows].copy() for host in self._host]
+        return [values[:rows].copy() for values in self._values]
 
 
 class Replays:

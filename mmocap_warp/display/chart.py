@@ -83,13 +83,6 @@ def axis(low: float, high: float, start: float, stop: float, ticks: int = 5) -> 
     return Axis(low, high, start, stop, tuple(round(step * i, 10) for i in range(first, last + 1)))
 
 
-def decades(low: float, high: float, start: float, stop: float, word: Callable[[float], str] = tick_label) -> Axis:
-    """A logarithmic axis from the power of ten below ``low`` to the one above ``high``, all powers marked."""
-    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
-    powers = tuple(10.0**i for i in range(first, last + 1))
-    return Axis(powers[0], powers[-1], start, stop, powers, word, logarithmic=True)
-
-
 def logarithmic(low: float, high: float, start: float, stop: float) -> Axis:
     """A logarithmic axis from ``low`` to ``high``, both above zero; 1, 2 and 5 times the powers of ten are marked."""
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
@@ -164,18 +157,6 @@ def box(spread: Sequence[float] | np.ndarray, y: Axis, centre: float, width: flo
     if spread[0] < y.low:
         whiskers += f"M{number(left)} {number(least - 4)}l{half} 4l{half} -4"
     return shape + whiskers, f"M{number(left)} {number(median)}h{number(width)}"
-
-
-def names_of_curves(ends: Iterable[tuple[str, str, float]], left: float) -> str:
-    """Names from ``left`` on beside the ends of curves, moved up where they would overlap.
-
-    Of each curve ``ends`` has its name, its class, and how high it ends.
-    """
-    parts, above = [], math.inf
-    for name, kind, height in sorted(ends, key=lambda end: -end[2]):
-        above = min(height + 4, above - _LINE)
-        parts.append(f'<g class="{kind}">{text((left, above), name, "series", "start")}</g>')
-    return "".join(parts)
 
 
 def figure(size: tuple[float, float], label: str, parts: Iterable[str], attributes: str = "") -> str:

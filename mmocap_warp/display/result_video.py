@@ -19,6 +19,7 @@ from mmocap_warp.display.overlay import ELLIPSE, LEGEND, PAPER, SIGMA_COLOUR, Wi
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import WebmFile, write_animation, write_png
 from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.scene.frame_choice import read_ahead
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
@@ -80,15 +81,22 @@ def show(
     strips: list[np.ndarray] = []
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(WebmFile(video, result.rate / slow)) if video else None
-        for frame, (seen, masked) in enumerate(_frames_in_step(result, images, masks)):
-            if writer or (strip and frame in on_strip):
-                views = body.views(frame, seen, masked, layout.windows)
+
+        def drawn() -> Iterator[np.ndarray | None]:
+            """Each frame of the video, where there is one; other drawings are put aside."""
+            for frame, (seen, masked) in enumerate(_frames_in_step(result, images, masks)):
+                if sheet and frame in on_sheet:
+                    cells.append(body.views(frame, seen, masked, crops))
+                shown = writer or (strip and frame in on_strip)
+                views = body.views(frame, seen, masked, layout.windows) if shown else []
                 if strip and frame in on_strip:
                     strips.append(_strip_frame(views))
-                if writer:
-                    writer.write(_video_frame(result, run, frame, views, layout.columns))
-            if sheet and frame in on_sheet:
-                cells.append(body.views(frame, seen, masked, crops))
+                yield _video_frame(result, run, frame, views, layout.columns) if writer else None
+
+        # A frame is encoded while the next ones are drawn.
+        for frame, picture in enumerate(stack.enter_context(contextlib.closing(read_ahead(drawn())))):
+            if writer and picture is not None:
+                writer.write(picture)
             if progress is not None:
                 progress(frame + 1)
     if sheet:

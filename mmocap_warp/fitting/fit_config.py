@@ -1,4 +1,4 @@
-"""What a fit is told: its settings, checked."""
+"""The settings of a fit, checked."""
 
 from __future__ import annotations
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -94,14 +98,22 @@ class FrameFit:
         self._take_body(solution.beta, guess.root_base)
         return Guess(solution.beta, guess.root_base, pose[0], float(self._objective.costs(pose)[0]))
 
-    def with_limbs_found(self, guess: Guess, rounds: int) -> Guess:
+    def split_random(self) -> np.random.Generator:
+        """The random numbers of the next round over the limbs, which this one then goes on behind."""
+        own = copy.deepcopy(self._random)
+        for limb in self._limbs:
+            self._random.uniform(size=(_DRAWS, len(limb.reach)))
+            self._random.normal(size=(_DRAWS // 2, len(limb.reach)))
+        return own
+
+    def with_limbs_found(self, guess: Guess, rounds: int, random: np.random.Generator | None = None) -> Guess:
         """The guess with every limb where it explains the masks best, after at most ``rounds`` rounds over all."""
-        fruitless = 0
+        fruitless, random = 0, random or self._random
         for _ in range(rounds):
             before = guess.cost
             self._take_body(guess.beta, guess.root_base)
             for limb in self._limbs:
-                guess = self._better(guess, self._drawn(guess, limb))
+                guess = self._better(guess, self._drawn(guess, limb, random))
             solved = self._solved(guess, self._fine)
             guess = solved if solved.cost < guess.cost else guess  # contours may pull a limb the wrong way
             fruitless = fruitless + 1 if guess.cost > before - _LEAST_GAIN else 0
@@ -144,7 +156,7 @@ class FrameFit:
         starts = [replace(guess, pose=_with_limbs(guess.pose, pair, rest)) for pair in self._pairs]
         return [self.with_limbs_found(self.polished(start), 1) for start in starts]
 
-    def _drawn(self, guess: Guess, limb: Limb) -> np.ndarray:
+    def _drawn(self, guess: Guess, limb: Limb, random: np.random.Generator) -> np.ndarray:
         """The best poses (candidate, coordinate) among many whose limb is drawn.
 
         Half of the draws are anywhere within the limits. Half are nearer to the rest pose, the limb's last joint at
@@ -155,8 +167,8 @@ class FrameFit:
         low, high = np.clip(skeleton.coordinate_limits[reach], -np.pi, np.pi).T
         spread = SPREAD_FACTOR * skeleton.spread[(reach - TRANSLATION) // 3]
         drawn = np.tile(guess.pose, (_DRAWS, 1))
-        drawn[:, reach] = self._random.uniform(low, high, (_DRAWS, len(reach)))
-        near = self._random.normal(0.0, spread, (_DRAWS // 2, len(reach)))
+        drawn[:, reach] = random.uniform(low, high, (_DRAWS, len(reach)))
+        near = random.normal(0.0, spread, (_DRAWS // 2, len(reach)))
         drawn[: len(near), limb.coordinates] = np.clip(0.0, *skeleton.coordinate_limits[limb.coordinates].T)
         drawn[: len(near), reach] = np.clip(near, low, high)
         self._objective.hold(wp.array(guess.pose[None], dtype=wp.float32, device=self._objective.device), reach)
@@ -189,6 +201,14 @@ class FrameFit:
         arrays.rest.assign(rest[None].astype(np.float32))
         arrays.joint_rest.assign(joint_rest[None].astype(np.float32))
         arrays.root_base.assign(root_base[None].astype(np.float32))
+
+
+def by_turns(fits: Sequence[FrameFit], work: Callable[..., Guess], *guesses: Sequence[Any]) -> list[Guess]:
+    """Work of a fit on each guess: a thread for each of the fits, which take them in turn."""
+    items, count = list(zip(*guesses, strict=True)), len(fits)
+    with ThreadPoolExecutor(count) as pool:
+        done = list(pool.map(lambda i: [work(fits[i], *item) for item in items[i::count]], range(count)))
+    return [done[place % count][place // count] for place in range(len(items))]
 
 
 def _with_limbs(pose: np.ndarray, moved: tuple[Limb, ...], other: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.clip_body import frames_to_follow, solve_body_in_clip, with_base_still
 from mmocap_warp.fitting.fit_config import LONGEST_IMAGE, FitConfig
-from mmocap_warp.fitting.frame_fit import FrameFit, Guess
+from mmocap_warp.fitting.frame_fit import FrameFit, Guess, by_turns
 from mmocap_warp.fitting.screening import screened_starts, usual_poses
 from mmocap_warp.fitting.standing_search import (
     FirstFrame,
@@ -49,6 +49,7 @@ from mmocap_warp.tracking.track_config import TrackConfig
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
+_FITS = 4  # guesses that CPU threads work on at a time: each takes some 50 MB
 _WINNERS = 2  # finalists whose limbs are searched until nothing is gained
 _ROUNDS = 6  # rounds over the limbs, at most
 _CLEAR_MARGIN = 0.03  # one frame decides by this difference of costs
@@ -79,7 +80,7 @@ def fit(
         scene: the recording.
         body: the generic body that the subject's is expected to be near to; it gets what the scene says is attached.
         config: settings; None for those of the scene's [fit] table.
-        progress: told after every stage.
+        progress: called after every stage.
         start_poses: (pose, coordinate); the recording starts in about one of them. None for the body's usual ones.
             Their place and heading are searched.
         settings: fields of :class:`FitConfig` to replace those of ``config``, such as ``headings=4``.
@@ -124,7 +125,7 @@ def fit_clip(
         observations: their masks, such as those of :func:`mmocap_warp.fitting.clip_body.frames_to_follow`; of more
             than one frame all are in memory.
         config: settings; its scale is not used.
-        progress: told after every stage.
+        progress: called after every stage.
         start_poses: see :func:`fit`.
 
     Raises:
@@ -200,9 +201,14 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     # All headings to the bottom of their basins, then the limbs of the best few.
     seen = FirstFrame(task.rig, observation, config.seed, task.device, task.threads)
     frame = FrameFit(task.space, seen)
-    guesses = sorted((frame.polished(guess) for guess in _headings(task, seen)), key=_cost)
+    count = min(_FITS, task.threads) if task.device == "cpu" else 1
+    alone = replace(seen, threads=-(-task.threads // count))
+    fits = [frame, *(FrameFit(task.space, alone) for _ in range(count - 1))]
+    guesses = sorted(by_turns(fits, FrameFit.polished, _headings(task, seen)), key=_cost)
     task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)
-    finalists = sorted((frame.with_limbs_found(guess, 1) for guess in guesses[: config.finalists]), key=_cost)
+    finalists = guesses[: config.finalists]
+    rounds = [(1, frame.split_random()) for _ in finalists]
+    finalists = sorted(by_turns(fits, FrameFit.with_limbs_found, finalists, *zip(*rounds, strict=True)), key=_cost)
     finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
     best = finalists[0]
 

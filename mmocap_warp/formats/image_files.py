@@ -17,7 +17,9 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import native_path, whole_file, write_whole
 
 _WEBP_QUALITY = 50  # of 100
-_MASK_SETTINGS = (cv2.IMWRITE_PNG_BILEVEL, 1, cv2.IMWRITE_PNG_COMPRESSION, 9)
+# Runs compress a mask to 1.3 times what the highest level makes of it, in a twelfth of the time.
+_MASK_SETTINGS = [cv2.IMWRITE_PNG_BILEVEL, 1, cv2.IMWRITE_PNG_COMPRESSION, 1]
+_MASK_SETTINGS += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 
 
 def write_png(path: str | Path, image: np.ndarray) -> None:

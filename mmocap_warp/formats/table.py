@@ -104,7 +104,7 @@ CALIBRATION_EXPORTS: tuple[Format, ...] = (
 
 EXPORTS: tuple[Format, ...] = (
     Format("USD", (".usda", ".usdc", ".usdz"), "usd.usd_result:export_animation"),
-    Format("glTF", (".glb",), "exports.glb:write_glb", up="+y"),
+    Format("glTF", (".glb", ".vrma"), "exports.glb:write_glb", up="+y"),
     Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
     Format("OpenSim markers", (".trc",), "exports.tables:write_trc", up="+y", takes_joint_set=True),
     Format("OpenSim motion", (".mot",), "exports.tables:write_mot", up="+y"),

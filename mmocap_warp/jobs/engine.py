@@ -66,7 +66,7 @@ class Worker(Protocol):
     device: str
 
     def work(self, job: Any) -> Iterator[Event]:
-        """Do a job: tells now and then how far it is, and last the result, or why there is none."""
+        """Do a job: yields now and then how far it is, and last the result, or why there is none."""
         ...
 
 

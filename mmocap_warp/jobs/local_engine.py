@@ -61,7 +61,7 @@ class LocalEngine(Engine):
 
     def submit(self, worker: int, job: Any) -> None:
         """See :class:`~mmocap_warp.jobs.engine.Engine`."""
-        with suppress(OSError):  # it died while it waited, which events() tells
+        with suppress(OSError):  # it died while it waited, which events() reports
             self._seats[worker].line.send(job)
 
     def events(self, seconds: float) -> list[tuple[int, Any]]:
@@ -109,7 +109,7 @@ class LocalEngine(Engine):
 def serve_jobs(make: MakeWorker, connection: Connection, device: str, threads: int | None) -> None:
     """A worker process: it does jobs until its parent is gone.
 
-    An error that is no refusal is told as a death, which ends it: the device may be in any state then.
+    An error that is no refusal is reported as a death, which ends it: the device may be in any state then.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -15,7 +17,7 @@ _RIVAL_AREA_RATIO = 0.6  # of two components' areas: two people at different dis
 def clean_mask(
     mask: np.ndarray, settings: ForegroundSettings, scale: float = 1.0, body: np.ndarray | None = None
 ) -> np.ndarray:
-    """Apply the settings' steps in their order: median, open, close, fill holes, drop small components, keep.
+    """Apply the settings' steps in their order: those of :func:`mend_mask`, then keep.
 
     Args:
         mask: (height, width) bool.
@@ -27,43 +29,66 @@ def clean_mask(
     Returns:
         (height, width) bool.
     """
+    return keep_mended(mend_mask(mask, settings, scale), settings, scale, None if body is None else lambda: body)
+
+
+def mend_mask(mask: np.ndarray, settings: ForegroundSettings, scale: float) -> np.ndarray:
+    """The steps of :func:`clean_mask` that know no body: median, open, close, fill holes, drop small components."""
     m: Any = mask.astype(np.uint8)
+    # Each step works on no more of the image than it can change, where there may be foreground.
     if settings.median:
-        m = cv2.medianBlur(m, _odd(settings.median * scale))
-    if settings.open:
-        m = cv2.morphologyEx(m, cv2.MORPH_OPEN, _disc(settings.open * scale))
-    if settings.close:
-        m = cv2.morphologyEx(m, cv2.MORPH_CLOSE, _disc(settings.close * scale))
+        side = _odd(settings.median * scale)
+        sums = cv2.boxFilter(m, cv2.CV_32S, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE)
+        m = (sums > side * side // 2).view(np.uint8)
+    for size, opens in ((settings.open, 1), (settings.close, 0)):
+        if size:
+            part, side = around(m, _odd(size * scale)), _odd(size * scale)
+            m[part] ^= opens
+            m[part] = 1 - dilated(1 - dilated(m[part], side), side)
+            m[part] ^= opens
     if settings.fill_holes:
-        m |= drop_small(1 - m, settings.fill_holes * scale**2, connectivity=4) ^ (1 - m)
+        area = settings.fill_holes * scale**2
+        # What is left of the background beside the foreground is no hole, because that strip is too large for one.
+        _, _, width, height = cv2.boundingRect(m)
+        inside = m[around(m, 1 + math.ceil(area / max(1, min(width, height))))]
+        inside |= drop_small(1 - inside, area, connectivity=4) ^ (1 - inside)
     if settings.min_area:
         m = drop_small(m, settings.min_area * scale**2, connectivity=8)
-    cleaned = m.astype(bool)
+    return m.view(bool)
+
+
+def keep_mended(
+    mask: np.ndarray, settings: ForegroundSettings, scale: float, body: Callable[[], np.ndarray] | None
+) -> np.ndarray:
+    """The components to keep of what :func:`mend_mask` made; ``body`` says where the body was last if it is asked."""
     if settings.keep == "all":
-        return cleaned
-    return keep_subject(cleaned, settings.join * scale, body if settings.keep == "nearest" else None)
+        return mask
+    return keep_subject(mask, settings.join * scale, body if settings.keep == "nearest" else None)
 
 
 def drop_small(mask: np.ndarray, area: float, connectivity: int) -> np.ndarray:
     """(height, width) uint8 0/1: ``mask`` (likewise) without components of less than ``area`` pixels."""
-    count, label = cv2.connectedComponents(mask, connectivity=connectivity)
+    part = around(mask, 0)
+    count, label = cv2.connectedComponents(mask[part], connectivity=connectivity)
     # Areas alone are counted four times as quickly here as with OpenCV's other statistics.
     large = np.bincount(label.ravel(), minlength=count) >= area
     if large[1:].all():
         return mask
     large[0] = False
-    kept: np.ndarray = large.view(np.uint8)[label]
+    kept = np.zeros_like(mask)
+    kept[part] = large.view(np.uint8).take(np.asarray(label))
     return kept
 
 
-def keep_subject(mask: np.ndarray, join: float, body: np.ndarray | None) -> np.ndarray:
-    """The components of a mask that overlap ``body``, or the one nearest to it; without a body, the largest.
+def keep_subject(mask: np.ndarray, join: float, last: Callable[[], np.ndarray] | None) -> np.ndarray:
+    """The components of a mask that overlap where a body was last, or the nearest to it; without a body, the largest.
 
     An empty body counts as none. Pieces up to ``join`` pixels apart count as one component.
     """
     count, label, areas = _components(mask, join)
     if count <= 2:
         return mask
+    body = last() if last else None
     if body is None or not body.any():
         return label == int(areas.argmax())
     overlap = np.bincount(label[body], minlength=count)
@@ -91,19 +116,52 @@ def _components(mask: np.ndarray, join: float) -> tuple[int, np.ndarray, np.ndar
 
     A mask that is in one piece is not joined any further: its components are those of the mask itself.
     """
-    pixels = mask.astype(np.uint8)
-    count, label = cv2.connectedComponents(pixels, connectivity=8)
+    part = around(mask.view(np.uint8), _odd(join))
+    pixels, label = mask[part].astype(np.uint8), np.zeros(mask.shape, np.int32)
+    count, there = cv2.connectedComponents(pixels, connectivity=8)
     if count > 2 and join >= 1:
-        count, label = cv2.connectedComponents(cv2.dilate(pixels, _disc(join)), connectivity=8)
-        label = np.where(mask, label, 0)
-    areas = np.bincount(label.ravel(), minlength=count)
+        count, there = cv2.connectedComponents(cv2.dilate(pixels, _disc(join)), connectivity=8)
+        there *= pixels
+    areas = np.bincount(there.ravel(), minlength=count)
     areas[0] = 0
+    label[part] = there
     return count, label, areas
+
+
+def around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
+    """Rows and columns of what lies up to ``margin`` pixels around the foreground of a mask (height, width) uint8.
+
+    They begin at even numbers, so that components are found in the order in which they are in the whole image.
+    """
+    left, top, width, height = cv2.boundingRect(mask)
+    rows, columns = (
+        slice(max(0, first - margin) & ~1, max(1, first + length + margin))
+        for first, length in ((top, height), (left, width))
+    )
+    return rows, columns
 
 
 def _odd(length: float) -> int:
     """The odd number of pixels next to ``length``, at least 3."""
     return max(3, 2 * round((length - 1) / 2) + 1)
+
+
+def dilated(mask: np.ndarray, diameter: int) -> np.ndarray:
+    """A mask (height, width) uint8 0/1 dilated by a disc of an odd number of pixels; the image's border grows nothing.
+
+    OpenCV looks at all pixels of the disc, here each of its rows goes on from a shorter one.
+    """
+    disc, radius, (height, width) = _disc(diameter), diameter // 2, mask.shape
+    padded = np.pad(mask, radius)
+    runs, result, reach = padded.copy(), np.zeros_like(mask), 0
+    reaches = disc.sum(axis=1) // 2
+    for row in np.argsort(reaches, kind="stable").tolist():
+        while reach < reaches[row]:
+            reach += 1
+            runs[:, reach:] |= padded[:, :-reach]
+            runs[:, :-reach] |= padded[:, reach:]
+        result |= runs[row : row + height, radius : radius + width]
+    return result
 
 
 def _disc(diameter: float) -> np.ndarray:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import zlib
-from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -51,6 +49,7 @@ class Observation:
     late: np.ndarray | None = None
     # (camera, row, word) uint32, pixels that show what may be in front of the subject, none of them foreground.
     hidden: np.ndarray | None = None
+    holed: np.ndarray | None = None  # (camera,) bool, views whose masks lack a piece; None where none is known to
 
     @classmethod
     def from_masks(
@@ -119,7 +118,6 @@ def _lens(rig: CameraRig) -> np.ndarray:
 _FAULT = 8  # gaps up to so wide between a mask and what hides the subject are faults [px]
 _IN_MEMORY = 2**26  # bytes; larger amounts go to a temporary file
 _LEVEL = 1  # a mask of 640 x 480 takes 1 to 2 KB, in 0.1 ms; higher levels bring little
-_FRAMES_AHEAD = 4  # that are read while one is tracked
 
 
 class KeptObservations:
@@ -172,17 +170,3 @@ class KeptObservations:
         for length, frame in self._frames:
             words = np.frombuffer(zlib.decompress(self._file.read(length)), "<u4").reshape(-1, *frame.words.shape)
             yield replace(frame, words=words[0], hidden=None if frame.hidden is None else words[1])
-
-
-def read_ahead(observations: Iterable[Observation]) -> Iterator[Observation]:
-    """The same observations; a thread reads the next ones while the caller works on one."""
-    stream = iter(observations)
-    with ThreadPoolExecutor(1) as reader:
-        waiting = deque(reader.submit(next, stream, None) for _ in range(_FRAMES_AHEAD))
-        try:
-            while (observation := waiting.popleft().result()) is not None:
-                waiting.append(reader.submit(next, stream, None))
-                yield observation
-        finally:
-            for task in waiting:
-                task.cancel()

@@ -13,7 +13,7 @@ import numpy as np
 from mmocap_warp.masks.observation import Observation
 
 _LEVEL = 90  # percentile of the changes from frame to frame that stands for the motion of a clip
-_MIN_LEVEL = 0.3  # pixels by which outlines must move in such a frame for anything to be told
+_MIN_LEVEL = 0.3  # pixels by which outlines must move in such a frame for anything to be decided
 _SAME = 0.1  # share of the level below which a mask counts as repeated: compressed video is never quite the same
 _MOVING = 0.25  # share of the level above which masks move
 _LEAP = 2.0  # multiple of the level that the first new image after a long repetition changes by at least

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import cv2
@@ -50,13 +51,25 @@ class GaussianBackground:
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
         """(height, width) bool: the pixels of a BGR image that are not background."""
-        seen = image.astype(np.float32)
-        step = max(1, int(np.sqrt(seen.shape[0] * seen.shape[1] / _GAIN_PIXELS)))
+        step = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / _GAIN_PIXELS)))
         some = (slice(None, None, step), slice(None, None, step))
-        background = self._mean * np.median((seen[some] + 1) / (self._mean[some] + 1), axis=(0, 1))
-        far = np.square((seen - background) / self._deviation).sum(axis=-1) > self._settings.threshold**2
+        gain = np.median((image[some].astype(np.float32) + 1) / (self._mean[some] + 1), axis=(0, 1))
+        # Most pixels differ from the background, in whole gray levels, by less than any that are far can.
+        least = math.floor(self._settings.threshold * self._settings.noise / math.sqrt(3) - 1)
+        background = cv2.multiply(self._mean, np.append(gain, 0.0), dtype=cv2.CV_16S)
+        difference = cv2.subtract(image, background, dtype=cv2.CV_16S)
+        foreground = cv2.inRange(difference, (-least,) * 3, (least,) * 3) == 0
+        foreground[foreground] = self._far(
+            image[foreground], self._mean[foreground] * gain, self._deviation[foreground]
+        )
+        return foreground
+
+    def _far(self, image: np.ndarray, background: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+        """(pixel,) bool: which pixels (pixel, 3) are neither background nor in a shadow."""
+        seen = image.astype(np.float32)
+        far = np.square((seen - background) / deviation).sum(axis=-1) > self._settings.threshold**2
         brightness = (seen * background).sum(axis=-1) / np.maximum(np.square(background).sum(axis=-1), 1)
-        off_colour = np.square((seen - brightness[..., None] * background) / self._deviation).sum(axis=-1)
+        off_colour = np.square((seen - brightness[..., None] * background) / deviation).sum(axis=-1)
         darker = (brightness > self._settings.shadow_brightness) & (brightness < 1)
         return far & ~(darker & (off_colour < self._settings.shadow_chroma**2))
 

@@ -12,10 +12,13 @@ by voxels that are drawn into its image (``silhouette_agreement.coherence``):
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.cleanup import around, dilated
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
 _COARSE_SPACING = 0.10  # first grid [m]; bodies are found on it, then carved finely
@@ -74,8 +77,10 @@ def meeting_point(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
 
 def mask_centroid(mask: np.ndarray) -> tuple[float, float]:
     """Column and row of a mask's centroid [px]."""
-    row, column = (axis.mean() for axis in np.nonzero(mask))
-    return column, row
+    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+    sums = cv2.moments(mask[top : top + height, left : left + width].view(np.uint8), binaryImage=True)
+    count = sums["m00"]
+    return (sums["m10"] + left * count) / count, (sums["m01"] + top * count) / count
 
 
 def meeting_point_of(rig: CameraRig, pixels: np.ndarray) -> np.ndarray:
@@ -148,10 +153,11 @@ _RAY_REACH = 1.2  # the rays are followed this far before and behind the subject
 _STEP = 0.025  # along the rays [m]
 
 
-def repair_masks(rig: CameraRig, masks: list[np.ndarray]) -> list[np.ndarray]:
+def repair_masks(rig: CameraRig, masks: list[np.ndarray], each: Callable[..., Iterable] = map) -> list[np.ndarray]:
     """Fill holes, gaps and dents of each mask where the other views' visual hull is over 10 cm thick.
 
-    The rig's cameras are undistorted pinholes, as the masks, which are (height, width) bool.
+    The rig's cameras are undistorted pinholes, as the masks, which are (height, width) bool. A pool's ``map`` for
+    ``each`` lets its threads share the views.
 
     A dark pair of shorts before a dark floor leaves a hole that no single image can mend; seen from elsewhere, the
     body is plainly there. True gaps, as between arm and torso, have little or no hull behind them and stay. A view
@@ -165,7 +171,8 @@ def repair_masks(rig: CameraRig, masks: list[np.ndarray]) -> list[np.ndarray]:
         return list(masks)
     subject = meeting_point(rig, masks)
     others = [[j for j in seen if j != k] for k in range(len(masks))]
-    return [_repair(rig, masks, k, others[k], subject) if k in seen else mask for k, mask in enumerate(masks)]
+    repaired = dict(zip(seen, each(lambda k: _repair(rig, masks, k, others[k], subject), seen), strict=True))
+    return [repaired.get(k, mask) for k, mask in enumerate(masks)]
 
 
 def _repair(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> np.ndarray:
@@ -173,20 +180,25 @@ def _repair(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], 
     depth = float((rig.R[k] @ subject + rig.t[k])[2])
     if depth <= 0:
         return mask
-    repaired = mask
-    for width, thickness in _GAPS:
-        diameter = max(3, round(width * rig.K[k, 0, 0] / depth)) | 1
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
-        closed = cv2.morphologyEx(repaired.view(np.uint8), cv2.MORPH_CLOSE, kernel).view(bool)
+    diameters = [max(3, round(width * rig.K[k, 0, 0] / depth)) | 1 for width, _ in _GAPS]
+    made = mask.copy()
+    rows, columns = near = around(mask.view(np.uint8), max(diameters))
+    repaired = mask[near]
+    for (width, thickness), diameter in zip(_GAPS, diameters, strict=True):
+        closed = 1 - dilated(1 - dilated(repaired.view(np.uint8), diameter), diameter)
+        closed = closed.view(bool)
         if width == _GAPS[-1][0]:
             closed = fill_enclosed(closed)
         row, column = np.nonzero(closed & ~repaired)
         count, label = cv2.connectedComponents((closed & ~repaired).view(np.uint8), connectivity=4)
         hole = label[row, column]
-        thick = hull_thickness(rig, masks, k, others, np.stack([column, row], axis=1), depth)
-        typical = [np.median(thick[hole == h]) if h else 0.0 for h in range(count)]
+        pixels = np.stack([column + columns.start, row + rows.start], axis=1)
+        thick = hull_thickness(rig, masks, k, others, pixels, depth)[np.argsort(hole, kind="stable")]
+        of_holes = np.split(thick, np.cumsum(np.bincount(hole, minlength=count))[:-1])
+        typical = [0.0, *map(np.median, of_holes[1:])]
         repaired = repaired | (np.array(typical) > thickness)[label]
-    return repaired
+    made[near] = repaired
+    return made
 
 
 def fill_enclosed(mask: np.ndarray) -> np.ndarray:

@@ -178,8 +178,8 @@ def _head(draft: Draft, folder: Path) -> list[str]:
 def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:
     lines = ["[scene]"]
     if media.fps is None:
-        lines.append("# fps = 60   # MISSING: frames per second of the recording; images do not tell it")
-        draft.missing.append("the recording's rate: give fps under [scene]; images do not tell it")
+        lines.append("# fps = 60   # MISSING: frames per second of the recording; images do not say it")
+        draft.missing.append("the recording's rate: give fps under [scene]; images do not say it")
     else:
         lines.append(f"fps = {media.fps:g}")
     up, share = "+z", 0.0
@@ -214,7 +214,7 @@ def _calibration(draft: Draft, found: CalibrationFile | None, units: str, folder
     draft.found.append(f"calibration {found.path} ({found.format.name})")
     lines = ["[cameras]", f"calibration = {quoted_path(found.path, folder)}   # {found.format.name}"]
     if found.format.open_units:
-        lines.append(f'units = "{units}"   # a guess: nothing tells the unit of its lengths')
+        lines.append(f'units = "{units}"   # a guess: nothing says the unit of its lengths')
         draft.missing.append(f'the unit of the calibration\'s lengths: units = "{units}" under [cameras] is a guess')
     elif units != "m":
         lines.append(f'units = "{units}"   # in metres, its cameras would be too far apart')

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from typing import Protocol, TypeVar
@@ -105,3 +106,21 @@ def read_together(streams: Sequence[Iterator[Image]], pool: Executor) -> Iterato
     """What streams of one length yield, an item of each at a time, read at once; they are read to their ends."""
     while all(items := list(pool.map(lambda stream: list(islice(stream, 1)), streams))):
         yield [item for (item,) in items]
+
+
+_FRAMES_AHEAD = 4  # that are read while one is tracked
+Item = TypeVar("Item")
+
+
+def read_ahead(items: Iterable[Item]) -> Generator[Item]:
+    """The same items, such as observations; a thread reads the next ones while the caller works on one."""
+    stream, end = iter(items), object()
+    with ThreadPoolExecutor(1) as reader:
+        waiting = deque(reader.submit(next, stream, end) for _ in range(_FRAMES_AHEAD))
+        try:
+            while (item := waiting.popleft().result()) is not end:
+                waiting.append(reader.submit(next, stream, end))
+                yield item  # type: ignore[misc]
+        finally:
+            for task in waiting:
+                task.cancel()

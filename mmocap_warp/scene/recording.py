@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from itertools import repeat
 from math import ceil
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 from urllib.parse import quote
 
 import cv2
@@ -21,7 +22,7 @@ from mmocap_warp.device.cores import available_threads
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import Attachment
 from mmocap_warp.formats.toml_table import Table
-from mmocap_warp.masks.cleanup import clean_mask
+from mmocap_warp.masks.cleanup import keep_mended, mend_mask
 from mmocap_warp.masks.frames import Frames, ImageFolder, as_colour
 from mmocap_warp.masks.mask_files import Masks
 from mmocap_warp.masks.mask_image import decode_mask
@@ -29,14 +30,21 @@ from mmocap_warp.masks.mask_settings import SUBTRACTION, ForegroundSettings
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.subtraction import learn_background
 from mmocap_warp.masks.visual_hull import repair_masks
-from mmocap_warp.scene.frame_choice import frames_by_number, read_together
+from mmocap_warp.scene.frame_choice import frames_by_number, read_ahead, read_together
 from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash, store_masks, stored_masks
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import content_hash
 
 _WHOLE_TOLERANCE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
 
-BodyMasks = Callable[[], list[np.ndarray]]  # says where the body was last: per camera (height, width) bool
+# Says where the body was last, of each camera that is asked for: (height, width) bool.
+BodyMasks = Callable[[], "ViewMasks"]
+
+
+class ViewMasks(Protocol):
+    """Masks by the number of their camera."""
+
+    def __getitem__(self, k: int, /) -> np.ndarray: ...
 
 
 def split_offset(frames: float) -> tuple[int, float]:
@@ -315,19 +323,28 @@ class Scene:
         followed = self.frames[: first + len(wanted)] if follows_masks else wanted
         read = range(wanted[-1] + 1) if wanted and self.foreground.model_remembers else followed
         empty = [np.zeros((height, width), bool) for width, height in rig.size]
-        streams = [self._raw_masks(k, scale, read) for k in range(len(self.cameras))]
 
-        def clean(raw: np.ndarray | None, nothing: np.ndarray, body: np.ndarray) -> np.ndarray:
-            return nothing if raw is None else clean_mask(raw, self.foreground, scale, body)
+        def mended(k: int) -> Iterator[np.ndarray | None]:
+            for frame, raw in zip(read, self._raw_masks(k, scale, read), strict=True):
+                # The background model alone remembers what is before the frames that are followed.
+                yield None if raw is None or frame not in followed else mend_mask(raw, self.foreground, scale)
 
-        kept = empty
-        with ThreadPoolExecutor(min(len(streams), available_threads())) as pool:  # OpenCV lets other threads run
-            for frame, raw in zip(read, read_together(streams, pool), strict=True):
+        def keep(mask: np.ndarray | None, nothing: np.ndarray, k: int) -> np.ndarray:
+            return nothing if mask is None else keep_mended(mask, self.foreground, scale, lambda: last[k])
+
+        kept: list[np.ndarray] = empty
+        count = min(len(empty), available_threads())  # OpenCV lets other threads run
+        with ExitStack() as stack:
+            pool, reading = (stack.enter_context(ThreadPoolExecutor(count)) for _ in range(2))
+            streams = read_together([mended(k) for k in range(len(empty))], reading)
+            ahead = stack.enter_context(closing(read_ahead(streams)))
+            for frame, masks in zip(read, ahead, strict=True):
                 if frame not in followed:
-                    continue  # the background model alone remembers it
-                kept = list(pool.map(clean, raw, empty, kept if body is None else body()))
+                    continue
+                last = kept if body is None else body()
+                kept = list(pool.map(keep, masks, empty, range(len(empty))))
                 if frame in wanted:
-                    yield repair_masks(rig, kept) if self.foreground.repair else kept
+                    yield repair_masks(rig, kept, pool.map) if self.foreground.repair else kept
 
     def _raw_masks(
         self, k: int, scale: float, frames: range, labels: tuple[int, ...] = ()

@@ -13,7 +13,7 @@ from mmocap_warp.body.posing import make_body_arrays, make_joint_arrays
 from mmocap_warp.body.shape_space import ShapeSpace, upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.shared_work import SharedWork
-from mmocap_warp.device.transfers import Upload
+from mmocap_warp.device.transfers import Download, Replays, Upload
 from mmocap_warp.kernels.block import Batch
 from mmocap_warp.kernels.body import shaping, skinning
 from mmocap_warp.kernels.body.shaping import Sliders, shape, turn
@@ -116,6 +116,7 @@ class Objective:
         self.count = self._silhouettes.canvas.count
         self._joints = make_joint_arrays(candidates, joints, device)
         self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
+        self._tried, self._judged, self._replays = Upload(self.pose), Download([self.cost, self.count]), Replays(device)
         self._work = SharedWork(device, threads, _SMALLEST_BATCH)
         modules = [skinning, *self._silhouettes.modules, cost_kernels, *([shaping] if shapes else [])]
         for module in modules:  # before threads launch from them at the same time
@@ -133,13 +134,18 @@ class Objective:
         views = self._silhouettes.views
         if observation.words.shape != views.observed.shape:
             raise ValueError(f"masks are packed as {observation.words.shape}, the rig needs {views.observed.shape}")
-        for upload, values in ((self._observed, observation.words), (self._foreground, observation.foreground)):
-            upload.values[...] = values
-            upload.send(len(values))
+        self._observed.values[...], self._foreground.values[...] = observation.words, observation.foreground
+        self._replays.run("observe", self._send_masks)
+        self._observed.sent()
+        self._foreground.sent()
         if observation.hidden is not None or views.hidden.size:
             if not views.hidden.size:
                 views.hidden = wp.zeros_like(views.observed)
             views.hidden.assign(observation.possible & ~observation.words)
+
+    def _send_masks(self) -> None:
+        self._observed.send(len(self.rig))
+        self._foreground.send(len(self.rig))
 
     @property
     def addresses(self) -> tuple[int | None, ...]:
@@ -179,10 +185,21 @@ class Objective:
 
     def costs(self, poses: np.ndarray) -> np.ndarray:
         """Costs (n,) float32 of poses (n, coordinate) from the host; ``count`` then has their pixels."""
-        values = wp.array(poses, dtype=wp.float32, device=self.device)
-        wp.copy(self.pose, values, count=values.size)
-        cost: np.ndarray = self.evaluate(len(poses)).numpy()[: len(poses)].copy()
-        return cost
+        return self.judged(poses)[0]
+
+    def judged(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Costs as :meth:`costs` gives them, and what ``count`` has then, (n, camera, 2)."""
+        total = len(poses)
+        self._check_room(total)
+        self._tried.values[:total] = poses
+        self._replays.run((total, id(self._split), *self.addresses), lambda: self._launch(total))
+        cost, count = self._judged.read(total)
+        return cost, count
+
+    def _launch(self, candidates: int) -> None:
+        self._tried.send(candidates)
+        self.evaluate(candidates)
+        self._judged.fetch(candidates)
 
     def _check_room(self, candidates: int) -> None:
         if not 0 < candidates <= self.candidates:

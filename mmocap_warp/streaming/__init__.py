@@ -1,4 +1,4 @@
-"""Live frames in and poses out: where images come from while they are recorded, and who is told of what is found.
+"""Live frames in and poses out: images that come while they are recorded, and packets to other programs.
 
 May import: device, body, cameras, masks, result, formats, scene, tracking, display.
 """

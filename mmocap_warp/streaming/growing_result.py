@@ -24,7 +24,7 @@ _KINDS = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}  # of
 
 
 class GrowingResult:
-    """Keeps what senders are told: the smoothed frames; when it is closed, the result is whole."""
+    """Keeps the smoothed frames, as a sender does; when it is closed, the result is whole."""
 
     def __init__(self, path: Path, subject: Subject, rig: CameraRig, fps: float, config: TrackConfig) -> None:
         nothing = np.full((1, len(rig)), np.nan)

@@ -55,15 +55,15 @@ class Packet:
     @cached_property
     def json(self) -> str:
         """As ZMQ and WebSocket send it."""
-        told: dict[str, Any] = {name: getattr(self, name) for name in ("time", "smooth", "dropped")}
-        told |= {"frame": self.answer.number, "status": self.answer.status[0]}
-        told |= {"joints": self.subject.body.skeleton.joints, "place": self.values[:, :3].round(5).tolist()}
+        values: dict[str, Any] = {name: getattr(self, name) for name in ("time", "smooth", "dropped")}
+        values |= {"frame": self.answer.number, "status": self.answer.status[0]}
+        values |= {"joints": self.subject.body.skeleton.joints, "place": self.values[:, :3].round(5).tolist()}
         iou = [None if each != each else each for each in self.answer.iou[0].round(4).tolist()]
-        return json.dumps(told | {"turn": self.values[:, 3:].round(6).tolist(), "iou": iou}, separators=(",", ":"))
+        return json.dumps(values | {"turn": self.values[:, 3:].round(6).tolist(), "iou": iou}, separators=(",", ":"))
 
 
 def open_sender(address: str, subject: Subject, rig: CameraRig, fps: float) -> Any:
-    """What tells those at an address, by its ``send(packet)``, until its ``close()``.
+    """A sender to those who listen at an address: ``send(packet)`` sends, ``close()`` ends it.
 
     Raises:
         UsageError: there is no such kind of address.
@@ -199,13 +199,13 @@ class _Vmc:
         place, own = self._offset.copy(), transposed(turned[self._parent]) @ turned
         place[0], own[0] = self._upright @ packet.world[0, :3, 3], turned[0]
         values = _with_quaternions(place, own) * [-1, 1, 1, 1, -1, -1, 1]  # x is mirrored
-        tell = self._client.send_message
-        tell("/mmocap/frame", [packet.answer.number, str(packet.time)])
-        tell("/VMC/Ext/Root/Pos", ["root", *(0.0,) * 6, 1.0])
+        send = self._client.send_message
+        send("/mmocap/frame", [packet.answer.number, str(packet.time)])
+        send("/VMC/Ext/Root/Pos", ["root", *(0.0,) * 6, 1.0])
         for joint, name in self._bones:
-            tell("/VMC/Ext/Bone/Pos", [name, *values[joint].tolist()])
-        tell("/VMC/Ext/OK", 1)
-        tell("/VMC/Ext/T", packet.time - self._begin)
+            send("/VMC/Ext/Bone/Pos", [name, *values[joint].tolist()])
+        send("/VMC/Ext/OK", 1)
+        send("/VMC/Ext/T", packet.time - self._begin)
 
     def close(self) -> None:
         pass

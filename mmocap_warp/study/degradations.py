@@ -172,11 +172,6 @@ def parse(text: str) -> dict[str, float]:
     return amounts
 
 
-def is_random(text: str) -> bool:
-    """Whether it matters which seed a degradation is given."""
-    return "calibration" in parse(text)
-
-
 def degraded(clip: OpenClip, text: str, seed: int) -> OpenClip:
     """A clip made worse, as ``text`` says.
 

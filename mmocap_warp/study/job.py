@@ -57,7 +57,7 @@ class Worker:
         self._solved: tuple[tuple[Clip, int], Subject] | None = None
 
     def work(self, job: Job) -> Iterator[Advance | CellResult | Refusal]:
-        """Do a job: tells now and then how far it is, and last the result, or why there is none."""
+        """Do a job: yields now and then how far it is, and last the result, or why there is none."""
         try:
             yield from self._work(job)
         except InputError as error:
@@ -66,8 +66,8 @@ class Worker:
             if not _is_out_of_memory(error):
                 raise
             self._opened, self._observations, self._solved = None, [], None  # the masks may be what took it
-            told = " ".join(str(error).split()) or "MemoryError"
-            yield Refusal(f"{self.device}: memory ran out ({told}); {LESS_MEMORY}")
+            reason = " ".join(str(error).split()) or "MemoryError"
+            yield Refusal(f"{self.device}: memory ran out ({reason}); {LESS_MEMORY}")
 
     def _work(self, job: Job) -> Iterator[Advance | CellResult]:
         if job.code != code_of(job.config, job.clip, job.solved):
@@ -160,8 +160,8 @@ def _covered(config: TrackConfig, clip: Clip, solved: bool) -> dict[str, bool]:
 
 def _is_out_of_memory(error: Exception) -> bool:
     """Whether Python, NumPy or Warp had not the memory for something; Warp has no exception of its own for it."""
-    told = str(error)
-    return isinstance(error, MemoryError) or "Failed to allocate" in told or "out of memory" in told
+    text = str(error)
+    return isinstance(error, MemoryError) or "Failed to allocate" in text or "out of memory" in text
 
 
 class _Pace:

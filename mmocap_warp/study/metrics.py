@@ -35,7 +35,7 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         - ``mpjpe``: the same over the twelve joints of the limbs [m]; ``pa_mpjpe``: that after the best similarity
           transform of each frame [m];
         - ``iou``: mean over the views that were judged, NaN in a lost frame; ``cost``: what the search minimised,
-          Eq. 4-5 unless told otherwise, likewise.
+          Eq. 4-5 unless set otherwise, likewise.
 
         Per run, (run,) float64 each:
 

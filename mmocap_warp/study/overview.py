@@ -27,7 +27,6 @@ from mmocap_warp.study.wording import DASH, counted, extent, listed, named, over
 
 LOST_LIMB, FITNESS = MEASURE_OF["limb_lost"], MEASURE_OF["cost"]
 _PRESETS = ("common", "paper-rotation", "paper-translation", "paper")  # in the order of their columns
-_MIN_POINTS = 5  # smallest difference in lost limbs that is reported [percentage points]
 _COMPARED = ("mpjpe", *EQ_20, "pa_mpjpe", "cost", "iou", "limb_lost", "growth", "shake")
 
 
@@ -182,7 +181,7 @@ def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -
     presets = in_order({study.preset, *(cell.preset for cell in others)}, [study.preset, *_PRESETS])
     budgets = sorted({cell.evaluations for cell in others})
     at_budget = {budget: [cell for cell in others if cell.evaluations == budget] for budget in budgets}
-    shared = {budget: _shared(study, cells, every) for budget, cells in at_budget.items()}
+    shared = {budget: shared_sequences(study, cells, every) for budget, cells in at_budget.items()}
     columns, drawn = [(budget, preset) for budget in budgets for preset in presets], []
 
     def mean(budget: int, preset: str, algorithms: Sequence[str]) -> str:
@@ -204,7 +203,7 @@ def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -
     return Table(caption, ["Algorithm", *(f"{budget:,}: {preset}" for budget, preset in columns)], rows)
 
 
-def _shared(study: StudySummary, cells: Sequence[Cell], every: bool) -> list[str]:
+def shared_sequences(study: StudySummary, cells: Sequence[Cell], every: bool) -> list[str]:
     """The sequences that all presets and algorithms of these cells have, the main preset's too; or every one."""
     presets, algorithms = {cell.preset for cell in cells} | {study.preset}, {cell.algorithm for cell in cells}
     whole = {
@@ -213,36 +212,6 @@ def _shared(study: StudySummary, cells: Sequence[Cell], every: bool) -> list[str
         if all(replace(cell, preset=preset, algorithm=name) in study.cells for preset in presets for name in algorithms)
     }
     return sorted(whole if whole and not every else {cell.sequence for cell in cells})
-
-
-def which_half(study: StudySummary) -> list[str]:
-    """Which of the paper's two radii loses the limbs, and whose: a sentence per budget with both halves tracked."""
-    table = radii_table(study, LOST_LIMB) if LOST_LIMB in study.measures else None
-    if table is None:
-        return []
-    *rows, total = [dict(zip(table.head, row, strict=True)) for row in table.rows if row[0] not in BASELINES.values()]
-    sentences = []
-    for title in table.head:
-        budget, _, preset = title.partition(": ")
-        pairs = {"0.5 rad and 0.02 m": "paper-rotation", "0.02 rad and 0.5 m": "paper-translation"}
-        halves = {radii: f"{budget}: {preset}" for radii, preset in pairs.items()}
-        if preset != study.preset or not all(total.get(column, DASH) != DASH for column in halves.values()):
-            continue
-        shares = "; ".join(f"{total[column]} % with {radii}" for radii, column in halves.items())
-        at = [cell for cell in study.cells if cell.preset != study.preset and f"{cell.evaluations:,}" == budget]
-        sentence = (
-            f"At {budget} evaluations, over {over(_shared(study, at, False))}, a limb is lost in {total[title]} % "
-            f"of the frames with each algorithm’s own radii; {shares}; {total.get(f'{budget}: paper', DASH)} % with "
-            "0.5 of both, mean over the algorithms."
-        )
-        for radii, column in halves.items():
-            gained = {row["Algorithm"]: float(row[column]) - float(row[title]) for row in rows}
-            more = ", ".join(name for name, points in gained.items() if points >= _MIN_POINTS) or "none"
-            less = ", ".join(name for name, points in gained.items() if points <= -_MIN_POINTS) or "none"
-            limbs = f" With {radii} limbs are lost in {_MIN_POINTS} % more of the frames, or above that"
-            sentence += f"{limbs}: {more}; less: {less}."
-        sentences.append(sentence)
-    return sentences
 
 
 def missing(study: StudySummary) -> list[str]:

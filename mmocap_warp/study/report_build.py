@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from html import escape
 from itertools import chain
 from pathlib import Path
@@ -15,7 +15,6 @@ import numpy as np
 from mmocap_warp.display.chart import MARKS
 from mmocap_warp.display.page.viewer import filled, resource
 from mmocap_warp.study import overview, report_sections
-from mmocap_warp.study.claims import check_claims
 from mmocap_warp.study.report_parts import Html, Section, Table, fill
 from mmocap_warp.study.report_setting import budget_section, grid_sentence, headline, setting_section
 from mmocap_warp.study.report_tables import RANK_HEAD, effect_cells, floor_note, ranking_rows
@@ -45,7 +44,6 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
     title, cards = headline(study)
     candidates: tuple[Section | None, ...] = (
         report_sections.trackers_section(study),
-        report_sections.claims_section(study),
         report_sections.ranks_section(study),
         report_sections.spread_section(study),
         report_sections.curves_section(study),
@@ -123,14 +121,11 @@ def csv_table(study: StudySummary) -> str:
 
 
 def markdown_tables(study: StudySummary) -> str:
-    """The paper's findings checked, and Tables 4 to 7, by the main measure, by Eq. 20 and by fitness."""
+    """Tables 4 to 7, by the main measure, by Eq. 20 and by fitness."""
     main = study.measures[0]
     ranked = [measure for measure in study.measures if measure == main or measure.key in _RANKED_BY]
     title, _ = headline(study)
-    rows = [astuple(finding) for finding in check_claims(study, main)]
-    findings = Table("", ["Finding", "where", "here by", "verdict", "evidence"], rows)
     parts = [f"# {title}\n\n{grid_sentence(study)}\n", *_overview(study, main)]
-    parts.append(findings.markdown("The paper’s findings"))
     for measure in ranked:
         for number, dof in enumerate(study.models, 4):
             title = f"{dof} DOF by {named(measure)} (as the paper’s Table {number})"
@@ -153,7 +148,6 @@ def _overview(study: StudySummary, main: Measure) -> Iterator[str]:
     for measure in (main, overview.LOST_LIMB):
         for table in overview.radii_tables(study, measure):
             yield _titled(f"Search radii: {named(measure)}", table)
-    yield "".join(f"{sentence}\n" for sentence in overview.which_half(study))
     yield _titled("People outside the family of bodies", overview.strangers_table(study, main))
     yield _titled("Our tracker there", overview.lead_table(study, study.strangers))
     absent = overview.missing(study)
@@ -191,12 +185,12 @@ def _rankings(rankings: Sequence[Ranking], title: str) -> Iterator[str]:
     if not rankings:
         return
     rows, tests = ranking_rows(rankings, lambda p: f"**{p}**"), [ranking.test for ranking in rankings]
-    told = [
+    tested = [
         [("Friedman", f"{test.statistic:.3f}", p_value(test.p)) if test else ("Friedman", "", "") for test in tests],
         [("Iman–Davenport F", *((statistic(test.f), p_value(test.f_p)) if test else ("", ""))) for test in tests],
         [("Kendall’s W", f"{test.kendall_w:.2f}" if test else "", "") for test in tests],
     ]
-    rows += [[*chain.from_iterable(line), ""] for line in told]
+    rows += [[*chain.from_iterable(line), ""] for line in tested]
     head = [*(RANK_HEAD * len(rankings)), "Holm"]
     size = ", ".join(f"{ranking.seeds} seeds over {len(ranking.sequences)} sequences" for ranking in rankings)
     yield Table(f"{size}.", head, rows).markdown(title)

@@ -9,7 +9,6 @@ from itertools import product
 import numpy as np
 
 from mmocap_warp.study import overview, paper, report_figures, report_tables
-from mmocap_warp.study.claims import check_claims
 from mmocap_warp.study.report_parts import Html, Section, by_measure, choice, drawn, fill, html_of
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.study_tables import Ranking, algorithm_rankings, by_algorithm, model_differences, model_rankings
@@ -58,13 +57,6 @@ def _lead_sentence(study: StudySummary) -> str:
         fast = sum(lead.tenth for lead in timed)
         sentence += f", and takes at most a tenth of its time on {fast} of {len(timed)}"
     return f"{sentence}." + (f" Not half of it: {', '.join(not_half)}." if not_half else "")
-
-
-def claims_section(study: StudySummary) -> Section:
-    """What agrees with the paper, what does not."""
-    main = study.measures[0]
-    claims = [fill("claim", kind=each.verdict.split()[0], **vars(each)) for each in check_claims(study, main)]
-    return Section("claims", "What agrees with the paper", [fill("claims", measure=named(main), claims=claims)])
 
 
 def ranks_section(study: StudySummary) -> Section:
@@ -228,8 +220,8 @@ def presets_section(study: StudySummary) -> Section | None:
         return "".join(table.html() for each in beside for table in overview.radii_tables(study, each))
 
     parts = by_measure(study, tables)
-    texts = [fill("paragraph", text=text) for text in (" ".join(overview.radii(study)), *overview.which_half(study))]
-    return Section("presets", "Search radii", [*texts, *parts]) if parts else None
+    radii = fill("paragraph", text=" ".join(overview.radii(study)))
+    return Section("presets", "Search radii", [radii, *parts]) if parts else None
 
 
 def strangers_section(study: StudySummary) -> Section | None:

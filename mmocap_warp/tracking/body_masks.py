@@ -12,24 +12,29 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.result.result import Result
 from mmocap_warp.scene.frame_choice import as_range
-from mmocap_warp.scene.recording import BodyMasks, Scene
+from mmocap_warp.scene.recording import Scene, ViewMasks
 
 
-def body_masks(subject: Subject, rig: CameraRig, last_poses: Callable[[], np.ndarray]) -> BodyMasks:
-    """Says where the body was tracked last, all runs together.
+def body_silhouettes(subject: Subject, rig: CameraRig) -> Callable[[np.ndarray], ViewMasks]:
+    """From poses (run, coordinate) of a subject, per camera (height, width) bool where it is seen in any of them.
 
-    Args:
-        subject: the tracked body.
-        rig: undistorted cameras, at the masks' size.
-        last_poses: called before each frame, returns the poses (run, 51) of the frame before.
+    The cameras are undistorted, at the masks' size.
     """
     poser, faces = Poser(subject.body, subject.root_base), subject.body.tracking_face
 
-    def masks() -> list[np.ndarray]:
-        runs = [silhouettes(rig, vertices, faces) for vertices in poser.tracking_vertices(last_poses())]
-        return [np.logical_or.reduce(views) for views in zip(*runs, strict=True)]
+    return lambda poses: _Views(rig, poser.tracking_vertices(poses), faces)
 
-    return masks
+
+class _Views:
+    """Where bodies (run, vertex, 3) are seen by a camera that is asked for, which few are: that takes a while."""
+
+    def __init__(self, rig: CameraRig, bodies: np.ndarray, faces: np.ndarray) -> None:
+        self._rig, self._bodies, self._faces = rig, bodies, faces
+
+    def __getitem__(self, k: int) -> np.ndarray:
+        camera = self._rig.select((self._rig.names[k],))
+        masks: np.ndarray = np.logical_or.reduce([silhouettes(camera, each, self._faces)[0] for each in self._bodies])
+        return masks
 
 
 def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[list[np.ndarray]]:
@@ -51,6 +56,7 @@ def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None 
     tracked = result.pose if result.raw_pose is None else result.raw_pose
     poses = [result.subject.pose[None], *np.moveaxis(tracked, 1, 0)]
     last_poses = (poses[position] for position in positions)
+    silhouettes_of = body_silhouettes(result.subject, scene.rig(scale))
     follows = scene.foreground.keep == "nearest"
-    body = body_masks(result.subject, scene.rig(scale), lambda: next(last_poses)) if follows else None
+    body = (lambda: silhouettes_of(next(last_poses))) if follows else None
     return scene.of_frames(as_range(result.frame_numbers[list(positions)].tolist())).masks(scale, body=body)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,12 +27,7 @@ class Candidates(FrameArrays):
     # (n,) outline deep outside of the masks [m], in the view where it is second longest: one view may be spoilt
     exposed: np.ndarray
     cost: np.ndarray  # (n,) float32
-
-    @property
-    def overlap(self) -> np.ndarray:
-        """(n,) mean over the views that see anything: the better of two candidates has the larger one."""
-        mean: np.ndarray = np.nanmean(self.iou, axis=1)
-        return mean
+    overlap: np.ndarray  # (n,) mean of iou over the views that see anything: the better of two has the larger one
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,7 +99,7 @@ class ContourState(TrackState):
             outstanding_count=outstanding.astype(np.int32),
         )
 
-    @property
+    @cached_property
     def level_known(self) -> np.ndarray:
         """(run,) bool: whether there were frames enough to know the usual overlap."""
         known: np.ndarray = (self.overlap_levels > 0).sum(axis=1) >= _LEAST_FRAMES
@@ -115,7 +111,7 @@ class ContourState(TrackState):
         overlaps[:, -_LEAST_FRAMES:], outlines[:, -_LEAST_FRAMES:] = overlaps[:, -1:], outlines[:, -1:]
         return replace(self, overlap_levels=overlaps, exposed_outlines=outlines)
 
-    @property
+    @cached_property
     def _usual_overlap(self) -> np.ndarray:
         """(run,) float32 median of the remembered overlaps, of all runs at once; infinite where none is remembered."""
         levels = self.overlap_levels

@@ -98,22 +98,24 @@ class ContourTracker:
         descent, judge = self._fitter.descent, self._judge
         self._answers = Download([descent.best, descent.tally, judge.cost, judge.count])
         self._replays = Replays(self.device)
-        self._uncovered = UncoveredArea(subject, rig)
+        self._uncovered = UncoveredArea(subject, rig, self.device)
         self._look_interval = look_interval(abs(fps))
         first = np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0)
-        self._state = ContourState.at(first, len(subject.body.skeleton.parts))
+        self._state, self._has_searched = ContourState.at(first, len(subject.body.skeleton.parts)), True
 
     @property
     def state(self) -> ContourState:
         """All that the next frame depends on."""
-        if self.search is None:
-            return self._state
-        memory = tuple(array.numpy().copy() for array in self.search.memory)
-        return replace(self._state, counter=self.search.counter.numpy().copy(), search_memory=memory)
+        if self.search and self._has_searched:  # else what the search keeps is what it was
+            memory = tuple(array.numpy().copy() for array in self.search.memory)
+            counter = self.search.counter.numpy().copy()
+            self._state = replace(self._state, counter=counter, search_memory=memory)
+            self._has_searched = False
+        return self._state
 
     @state.setter
     def state(self, state: ContourState) -> None:
-        self._state = state
+        self._state, self._has_searched = state, True
         if self.search:
             self.search.counter.assign(state.counter)
             self.search.remember(state.search_memory)
@@ -255,6 +257,7 @@ class ContourTracker:
         counter = search.counter.numpy().copy()
         search.best_pose.assign(self._state.pose)
         search.run()
+        self._has_searched = True
         search.counter.assign(np.where(wanted, search.counter.numpy(), counter).astype(np.int32))
         starts: np.ndarray = search.best_pose.numpy()[:, None].copy()
         return starts
@@ -291,7 +294,8 @@ class ContourTracker:
         pose, tally, cost, pixels = self._answers.read(starts.shape[0] * starts.shape[1])
         # Of the lengths of exposed outline in the views, the second longest.
         exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)
-        return Candidates(pose, overlap(pixels, observation), exposed, cost)
+        iou = overlap(pixels, observation)
+        return Candidates(pose, iou, exposed, cost, np.nanmean(iou, axis=1))
 
     def _descend(self, starts: np.ndarray, steps: int, *, judged: bool = True) -> None:
         """Let contours lead on from starts (run, start, coordinate), and judge where they lead unless that can wait."""
@@ -300,13 +304,14 @@ class ContourTracker:
         home = np.repeat(self._subject.root_base[None], total, axis=0)
         if fitter.late:
             fitter.follow(np.repeat(self._state.pose, count, axis=0), home, self._fps)
-        fitter.start_at(starts.reshape(total, coordinates), home, np.zeros(total, int))
+        fitter.set_starts(starts.reshape(total, coordinates), home, np.zeros(total, int))
         kind = (total, steps, judged, fitter.fields.addresses, self._judge.addresses, fitter.follows)
         self._replays.run(kind, lambda: self._launch_fit(total, steps, judged))
 
     def _launch_fit(self, total: int, steps: int, judged: bool) -> None:
         """Fit the first poses, judge them where that is wanted, and have the answers on their way to the host."""
         fitter, judge = self._fitter, self._judge
+        fitter.send_starts(total)
         self._root_frame.enter(fitter.descent.pose, fitter.body.root_base)
         fitter.descend(total, steps)
         self._root_frame.leave(fitter.descent.best, fitter.body.root_base)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import asdict, replace
+from itertools import chain, islice
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +21,16 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
-from mmocap_warp.masks.observation import KeptObservations, Observation, read_ahead
+from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.masks.repeats import repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
-from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
+from mmocap_warp.scene.frame_choice import read_ahead
+from mmocap_warp.tracking.body_masks import body_silhouettes, tracked_masks
 from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.evidence import with_evidence
+from mmocap_warp.tracking.holes import HOLE_SECONDS, with_holes
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -34,7 +38,7 @@ from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.versions import versions
 
 if TYPE_CHECKING:
-    from mmocap_warp.scene.recording import Scene
+    from mmocap_warp.scene.recording import Scene, ViewMasks
 
 FrameReport = Callable[[int, FrameAnswer], None]
 """Called after every frame with its position and answer."""
@@ -157,12 +161,26 @@ def track(
     # Track the others. What is kept of masks with several people in them follows the body.
     with KeptObservations() as kept:
         follows = scene.foreground.keep == "nearest"
-        body = body_masks(subject, rig, lambda: tracker.state.pose) if follows else None
-        observations = kept.through(scene.observations(config.scale, first=len(answers), body=body))
+        silhouettes_of, done = body_silhouettes(subject, rig), len(answers)
+        body = (lambda: silhouettes_of(tracker.state.pose)) if follows else None
+        observations = kept.through(scene.observations(config.scale, first=done, body=body))
         if body is None:
             observations = read_ahead(observations)
+
+        # A hole that was open when the run was interrupted is still open.
+        again = range(max(0, done - ceil(HOLE_SECONDS * scene.rate)), done)
+        if again:
+            begun = collect(subject, rig, scene.fps, config, answers, scene.frames[:done])
+            earlier = scene.observed(tracked_masks(scene, begun, again), config.scale, again.start)
+            observations = chain(earlier, observations)
+        poses = [answers[number].pose for number in again]
+
+        def body_before(place: int) -> ViewMasks:
+            return silhouettes_of(poses[place - 1] if place < len(poses) else tracker.state.pose)
+
+        observations = islice(with_holes(observations, scene.rate, body_before), len(again), None)
         with saved or nullcontext():
-            answers += track_frames(tracker, observations, first=len(answers), saved=saved, progress=progress)
+            answers += track_frames(tracker, observations, first=done, saved=saved, progress=progress)
         result = collect(subject, rig, scene.fps, config, answers, scene.frames)
 
         # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
@@ -193,8 +211,11 @@ def _finished(
     }
     result = replace(result, status=status, config=result.config | ({"frozen_views": numbers} if numbers else {}))
 
+    silhouettes_of, raw = body_silhouettes(result.subject, result.cameras), result.pose
+
     def shown() -> Iterable[Observation]:
-        return (seen.without(views) for seen, views in zip(masks(), frozen, strict=True)) if numbers else masks()
+        seen = with_holes(masks(), result.rate, lambda place: silhouettes_of(raw[:, place - 1]))
+        return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if numbers else seen
 
     if config.acceleration:
         result = smoothed(result, config, shown(), progress)
@@ -227,6 +248,9 @@ def track_observations(
     """
     kept: list[Observation] = []
     keep = kept.append if config.acceleration else None
-    answers = list(track_frames(make_tracker(subject, rig, config, fps), observations, keep=keep, progress=progress))
+    silhouettes_of = body_silhouettes(subject, rig)
+    tracker = make_tracker(subject, rig, config, fps)
+    observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))
+    answers = list(track_frames(tracker, observations, keep=keep, progress=progress))
     result = collect(subject, rig, fps, config, answers)
     return smoothed(result, config, kept) if config.acceleration else result

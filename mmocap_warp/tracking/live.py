@@ -24,10 +24,11 @@ from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.contour.clip.clip_problem import LAG, ClipProblem, FixedLag
+from mmocap_warp.contour.clip.device_band import DeviceBand
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
-from mmocap_warp.device.resolve import start_quietly
+from mmocap_warp.device.resolve import resolve_device, start_quietly
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.contour_state import ContourState
@@ -120,10 +121,12 @@ class _Window:
         self._tracked_before = np.zeros(config.runs, bool)
         self._rooting = rooting
         self._last_angles = np.tile(subject.pose[ROOT_ANGLES], (config.runs, 1))
-        self._lags = [
-            FixedLag(ClipProblem(partial(self._linearise, run), rooting, points, fps), config.acceleration, first)
-            for run in range(config.runs)
-        ]
+        device = resolve_device(config.device)
+        band = None if device == "cpu" else DeviceBand(points, LAG, device)
+        problems = (
+            ClipProblem(partial(self._linearise, n), rooting, points, fps, band=band) for n in range(config.runs)
+        )
+        self._lags = [FixedLag(problem, config.acceleration, first) for problem in problems]
 
     def observe(self, observation: Observation) -> None:
         """Take the next frame's masks."""

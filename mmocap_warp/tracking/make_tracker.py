@@ -73,12 +73,12 @@ def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: fl
         return bisect.bisect_left(range(1, highest + 1), True, key=too_large)
 
     fitting = {"runs": most("runs", config.runs), "evaluations": most("evaluations", config.budget)}
-    told = " or ".join(f"{name} = {value}" for name, value in fitting.items() if value)
+    smaller = " or ".join(f"{name} = {value}" for name, value in fitting.items() if value)
     raise InputError(
         device,
         f"{config.algorithm} with runs = {config.runs} and evaluations = {config.budget} takes "
         f"about {need / _GB:,.1f} GB of memory, {free / _GB:,.1f} GB are free",
-        f"the most that fits is {told}" if told else "choose fewer runs, a smaller budget and a smaller scale",
+        f"the most that fits is {smaller}" if smaller else "choose fewer runs, a smaller budget and a smaller scale",
     )
 
 
@@ -110,4 +110,6 @@ def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: floa
     fields = whole + 2 * whole_image_bytes(rig, 1) if is_whole else 4 * frames * pixels * _BODY_SHARE
     # Poses of the frames that are held, one of the body's changes, and one for each pair of limbs.
     poses = max(STARTS, min(CANDIDATES, frames)) + 1 + len(limb_pairs(subject.body.skeleton))
-    return max(config.runs * tracking, poses * fitted + fields + max(config.runs, poses) * drawn)
+    # On a GPU, of each frame, derivatives of its points and its rows of the clip's band, factored and inverted.
+    band = 0 if on_cpu else 8 * frames * dof * (12 * len(subject.body.joint_rest) + 19 * dof)
+    return max(config.runs * tracking, poses * fitted + fields + band + max(config.runs, poses) * drawn)

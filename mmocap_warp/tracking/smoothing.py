@@ -17,6 +17,7 @@ from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip.backward_pass import AHEAD, STARTS, BackwardPass
 from mmocap_warp.contour.clip.clip_problem import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
+from mmocap_warp.contour.clip.device_band import DeviceBand
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.clip.uncertainty import (
     USUAL_MISFIT,
@@ -32,6 +33,7 @@ from mmocap_warp.contour.clip.uncertainty import (
 from mmocap_warp.contour.frame.fitter import WIDE
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
+from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.shipped import deviation_factors
@@ -59,8 +61,11 @@ _TRACKED, _PARTIAL, _LOST, _INTERPOLATED, _REPEATED = (
 )
 CANDIDATES = 32
 """Poses that are linearised at a time."""
+_OBSERVED = 8  # frames whose masks a GPU makes fields of at a time
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
 _HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]
+_UNSURE = 0.05  # deviation of a joint from which on holes in most masks may hide it [m], in a body like a person
+_LEAST_WHOLE = 2  # so many views without a hole show where a limb is
 _FALL = 0.03  # overlap below that of the frames before from which a limb may be elsewhere for a moment
 
 
@@ -145,6 +150,9 @@ class _MaskWindow:
 
     Attributes:
         pairs: coordinates (coordinate,) of each pair of limbs.
+        holed: (frame,) bool, frames that were read of which too few views have whole masks.
+        points: what is kept from accelerating.
+        band: what solves the clip's steps on a GPU; None on the CPU.
         reading: how long reading took so far [s].
     """
 
@@ -159,15 +167,20 @@ class _MaskWindow:
         self.body_changes = body_changes(subject.body)
         self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(self.body_changes.sigma))
         self._body_fitter.set_change(self.body_changes.vertex, self.body_changes.joint)
+        # A GPU solves the clip's steps as well; all runs share it.
+        self.points = MotionPoints(subject.body.skeleton, subject.body.joint_rest, self.searched)
+        device = resolve_device(config.device)
+        self.band = None if device == "cpu" else DeviceBand(self.points, self._places, device)
         self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
         self._wide_fitter = make_fitter(subject, raw.cameras, config, max(1, len(self.pairs)), matching=WIDE)
         self._objective = make_objective(subject, raw.cameras, config, max(candidates, len(raw.pose)))
-        self._uncovered = UncoveredArea(subject, raw.cameras)
+        self._uncovered = UncoveredArea(subject, raw.cameras, resolve_device(config.device))
         self.starts = RecoveryStarts(subject, raw.cameras, config)
         self._judged: int | None = None  # the frame that the objective observes
         self._unread: Iterator[Observation] = iter(observations)
         self._held: list[Observation] = []
         self._read = 0
+        self.holed = np.zeros(len(raw.frame_numbers), bool)
         self.reading = 0.0
 
     def linearise(
@@ -175,7 +188,8 @@ class _MaskWindow:
     ) -> NormalEquations:
         """What the contours say about frames of the window, or further on; nothing about those not ``seen``."""
         while self._read <= frames[-1]:
-            self._observe_next()
+            to_end = self._places - self._read % self._places
+            self._observe(min(_OBSERVED, to_end, int(frames[-1]) + 1 - self._read))
         return self._fitter.linearise(frames % self._places, rooted, neighbours).of_seen(seen)
 
     def descend(
@@ -215,23 +229,26 @@ class _MaskWindow:
             self._judged = frame
         for first in range(0, len(pose), objective.candidates):
             part = slice(first, min(first + objective.candidates, len(pose)))
-            cost[part] = objective.costs(pose[part])
-            iou[part] = overlap(objective.count.numpy()[: part.stop - first], observation)
+            cost[part], count = objective.judged(pose[part])
+            iou[part] = overlap(count, observation)
         return cost, iou
 
     def uncovered(self, frame: int, poses: np.ndarray) -> list[Uncovered]:
         """What poses (pose, coordinate) leave uncovered of a frame's masks."""
         return self._uncovered.of(poses, self._held[frame % self._places])
 
-    def _observe_next(self) -> None:
-        """Read a frame into the place of the oldest one."""
-        started = time.perf_counter()
-        observation = next(self._unread)
+    def _observe(self, count: int) -> None:
+        """Read so many frames into the places of the oldest ones, which follow each other."""
+        started, place = time.perf_counter(), self._read % self._places
+        observations = [next(self._unread) for _ in range(count)]
         self.reading += time.perf_counter() - started
-        place = self._read % self._places
-        self._held[place : place + 1] = [observation]
-        self._fitter.observe(place, observation)
-        self._read += 1
+        for frame, each in enumerate(observations, self._read):
+            if each.holed is not None:
+                whole = (each.foreground > 0) & ~each.holed
+                self.holed[frame] = whole.sum() < _LEAST_WHOLE
+        self._held[place : place + count] = observations
+        self._fitter.observe_all(observations, place)
+        self._read += count
 
 
 class _RunSmoother:
@@ -264,14 +281,15 @@ class _RunSmoother:
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
         self._mending = mending
-        points = self._points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
+        points = self._points = masks.points
         coordinates = [limb.coordinates for limb in limbs(skeleton)]
         from_rest = masks.pairs_from_rest if masks.pairs else None
         backward = BackwardPass(
             self._descend, self._linearise, self._rooting, points,
             raw.rate, self._area_costs, coordinates, from_rest, self,
         )  # fmt: skip
-        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, None if mending else backward)
+        second_opinion = None if mending else backward
+        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, second_opinion, masks.band)
         has_masks = np.isfinite(raw.iou).any(axis=(0, 2)) & (raw.status[0] != _REPEATED)
         acceleration = config.acceleration or ACCELERATION
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(acceleration), has_masks)
@@ -328,6 +346,9 @@ class _RunSmoother:
         if self._looks:
             looked, area = np.array(list(self._looks)), np.stack(list(self._looks.values()))
             doubt = parts_in_doubt(self._size, self._rate, looked, area, len(doubt))
+        unsure = (self.sigma.joint.max(axis=2) > _UNSURE * self._size) & self._masks.holed[:, None]
+        for joint, part in enumerate(self._skeleton.part):
+            doubt[:, part] |= unsure[:, joint]
         wide = doubt[:, np.array(self._skeleton.part)]  # (frame, joint)
         least = np.where(wide, WIDE_SIGMA * self._size, 0.0)[:, :, None]
         self.sigma.joint[:] = np.maximum(self.sigma.joint, least)

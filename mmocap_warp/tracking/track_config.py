@@ -1,4 +1,4 @@
-"""What a tracking run is told: its settings, checked, and the search radii that follow from them."""
+"""The settings of a tracking run, checked, and the search radii that follow from them."""
 
 from __future__ import annotations
 

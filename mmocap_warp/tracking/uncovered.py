@@ -8,20 +8,21 @@ body, somebody who passes by or a chest, do not count.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import SkinMesh, Subject
-from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.posing import make_body_arrays, make_joint_arrays
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.kernels.silhouettes.beside import Sight, find_cells, follow_rays
+from mmocap_warp.device.transfers import Download, Replays, Upload
+from mmocap_warp.kernels.block import batch_of
+from mmocap_warp.kernels.body.skinning import pose_vertices
+from mmocap_warp.kernels.launching import Recordings
+from mmocap_warp.kernels.silhouettes.beside import LANES, MOST_LOOKS, Look, Sight, find_cells, follow_rays, place_points
 from mmocap_warp.kernels.structs import allocated
-from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.observation import Observation, words_per_row
 
 _CELL = 0.02  # pixels are looked at that are so far apart at the body [m]
 _SPACING = 0.1  # points of the skin are at most so far apart: then none of it is deep [m]
@@ -36,7 +37,6 @@ _LEAST_VIEWS = 4  # so many other views must be there for one of them to be allo
 _FAULT_AREA = 0.003  # what one view alone shows counts where it is more than that: a mask may have such faults [m^2]
 _MOST_AREA = 0.12  # a view that leaves more than that uncovered shows somebody or something else [m^2]
 
-_zeros = partial(wp.zeros, device="cpu")
 _LOOK_INTERVAL = 0.1  # seconds between the frames that are looked at for limbs that were lost
 _JUDGE_INTERVAL = 1 / 30  # seconds between the frames whose final poses are judged
 _CLEAR_AREA = 0.01  # area above the usual that says by itself that a limb is lost [m^2], in a body like a person
@@ -75,121 +75,98 @@ class UncoveredArea:
     Args:
         subject: the body, and the base of its root.
         rig: undistorted cameras at the masks' size.
+        device: a Warp device.
     """
 
-    def __init__(self, subject: Subject, rig: CameraRig) -> None:
-        body, mesh = subject.body, subject.body.tracking
-        self._rig, self._parts = rig, len(body.skeleton.parts)
-        self._corner, self._share = _points_of_faces(mesh, _SPACING * body.relative_size)
+    def __init__(self, subject: Subject, rig: CameraRig, device: str = "cpu") -> None:
+        body, mesh, size = subject.body, subject.body.tracking, subject.body.relative_size
+        corner, share = _points_of_faces(mesh, _SPACING * size)
         part = np.array(body.skeleton.part)[mesh.heaviest_joint]
-        self._part = np.concatenate([part, part[self._corner[:, 0]]])
-        self._poser = Poser(replace(body, skin=mesh), subject.root_base)
-        self._size = body.relative_size
-        self._lens = rig.K @ rig.R, np.einsum("kij,kj->ki", rig.K, rig.t)
-        back = np.swapaxes(rig.R, 1, 2)
-        self._sight = allocated(
-            Sight,
-            "cpu",
-            word=(0, 0, 0),
-            possible=(0, 0, 0),
-            size=rig.size.astype(np.int32),
-            turn=self._lens[0],
-            shift=self._lens[1],
-            origin=-np.einsum("kij,kj->ki", back, rig.t),
-            into_world=back @ np.linalg.inv(rig.K),
-        )
-        most = int(4 * _MOST_AREA / _CELL**2) + 1  # cells are at least half as far apart as they may be
-        self._cells = _zeros(len(rig) * int(rig.size.prod(axis=1).max()), wp.uint8), _zeros((len(rig), most), wp.vec2i)
-        self._agreed = [_zeros(2 * _MOST_RAYS, kind) for kind in (wp.vec3d, wp.int32, wp.float64)]
+        self._near_part = np.concatenate([part, part[corner[:, 0]]])[::4]  # rays look for every fourth point
+        self._parts, self._size, self._cameras = len(body.skeleton.parts), size, len(rig)
+        vertices, points, pixels = len(mesh.rest), len(mesh.rest) + len(corner), int(rig.size.prod(axis=1).max())
+        # The body, posed.
+        self._body = make_body_arrays(body, subject.root_base, mesh, device)
+        self._joints = make_joint_arrays(1, len(body.joint_rest), device)
+        self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
+        self._batch = batch_of(0, 1, 1, device)
+        # What the views see, and what is found there.
+        back, turn = np.swapaxes(rig.R, 1, 2), rig.K @ rig.R
+        width, height = rig.size.max(axis=0).tolist()
+        words = (len(rig), height, words_per_row(width))
+        self._sight = sight = allocated(
+            Sight, device, word=words, possible=words, shows=len(rig), size=rig.size.astype(np.int32), turn=turn,
+            shift=np.einsum("kij,kj->ki", rig.K, rig.t), focal=rig.K[:, 0, 0].copy(),
+            origin=-np.einsum("kij,kj->ki", back, rig.t), into_world=back @ np.linalg.inv(rig.K),
+        )  # fmt: skip
+        by_view = dict.fromkeys(("depth", "scale", "step", "radius", "count"), len(rig))
+        by_ray = dict.fromkeys(("place", "nearest", "apart"), (len(rig), _MOST_RAYS))
+        self._look = look = allocated(
+            Look, device, posed=(1, vertices), corner=corner.astype(np.int32), share=share,
+            cell=_CELL * size, deep=_DEEP * size, least=_LEAST_AREA * size**2, most=_MOST_AREA * size**2,
+            reach=_REACH * size, stride=_STEP * size, point=points, pixel=(len(rig), points), partial=LANES,
+            number=1, mark=(len(rig), pixels), in_row=(len(rig), height), **by_view, **by_ray,
+        )  # fmt: skip
+        self._pose = pose = wp.zeros((1, body.skeleton.coordinates), dtype=wp.float32, device=device)
+        self._masks = [Upload(array) for array in (sight.word, sight.possible, sight.shows)]
+        self._posed = Upload(pose)
+        self._answers = Download([look.scale, look.step, look.count, look.place, look.nearest, look.apart])
+        self._device, self._replays, self._recordings = device, Replays(device), Recordings()
+        self._seen: Observation | None = None
+        self._looks = 0
 
     def of(self, poses: np.ndarray, observation: Observation) -> list[Uncovered]:
         """The area beside poses (n, coordinate), each by itself."""
-        masks = (np.ascontiguousarray(words) for words in (observation.words, observation.possible))
-        self._sight.word, self._sight.possible = (wp.array(a, dtype=wp.uint32, device="cpu", copy=False) for a in masks)
-        return [self._beside_skin(skin, observation) for skin in self._poser.vertices(poses).astype(float)]
+        if observation is not self._seen:
+            shows = observation.foreground > 0
+            for upload, values in zip(self._masks, (observation.words, observation.possible, shows), strict=True):
+                upload.values[...] = values
+                upload.send(self._cameras)
+            self._seen = observation
+        return [self._beside(pose) for pose in poses]
 
-    def _beside_skin(self, skin: np.ndarray, observation: Observation) -> Uncovered:
-        """The area beside the vertices (n, 3) of the skin."""
-        skin = np.concatenate([skin, np.einsum("nc,ncx->nx", self._share, skin[self._corner])])
-        middle = skin.mean(axis=0)
+    def _beside(self, pose: np.ndarray) -> Uncovered:
+        """The area beside a pose (coordinate,)."""
+        if self._looks == MOST_LOOKS:
+            self._look.mark.zero_()
+            self._look.number.zero_()
+            self._looks = 0
+        self._looks += 1
+        self._posed.values[0] = pose
+        self._replays.run("look", lambda: self._recordings.run("look", self._device, self._launch))
+        scale, step, count, *of_rays = self._answers.read(self._cameras)
+        pixel = (step / np.where(step > 0, scale, np.inf)) ** 2  # the area of a cell [m^2]
+        counts = np.flatnonzero((step > 0) & (count * pixel <= _MOST_AREA * self._size**2)).tolist()
 
-        # What is beside the body in each view. A view with more than limbs there shows somebody or something else.
-        depth = self._rig.R[:, 2] @ middle + self._rig.t[:, 2]
-        scale = self._rig.K[:, 0, 0] / np.where(depth > 0, depth, np.inf)
-        step = np.maximum(1, (_CELL * self._size * scale).astype(int)) * ((observation.foreground > 0) & (depth > 0))
-        cells = self._beside(self._projected(skin), step, _DEEP * self._size * scale)
-        beside: dict[int, tuple[np.ndarray, float, float]] = {}  # pixels, the area of each [m^2], the body's depth [m]
-        for k in np.flatnonzero(step).tolist():
-            if len(cells[k]) * (step[k] / scale[k]) ** 2 <= _MOST_AREA * self._size**2:
-                beside[k] = step[k] * cells[k], (step[k] / scale[k]) ** 2, depth[k]
-
-        # Of that, what the other views agree on, near the body. Views with less than the two that show most do not
-        # decide.
-        seen = np.array(list(beside), int)
+        # What is beside the body in each view, as far as the other views agree, near the body. Views with less than the
+        # two that show most do not decide.
         area: list[np.ndarray] = [np.zeros(self._parts)] * 2  # the view with most of it first
         places = [np.empty((0, 3))]
-        least = _LEAST_AREA * self._size**2
-        for k, (pixels, pixel, depth) in sorted(beside.items(), key=lambda view: -len(view[1][0]) * view[1][1]):
-            if len(pixels) * pixel < max(least, area[1].sum()):
+        for k in sorted(counts, key=lambda view: -count[view] * pixel[view]):
+            if count[k] * pixel[k] < max(_LEAST_AREA * self._size**2, area[1].sum()):
                 break
-            every = -(-len(pixels) // _MOST_RAYS)
-            place, nearest, apart = self._agreed_on(k, pixels[::every], depth, seen[seen != k], skin[::4])
-            near = apart < (_FAR * self._size) ** 2
-            place, part = place[near], self._part[::4][nearest[near]]
-            if not len(place):
+            every = -(-count[k] // _MOST_RAYS)
+            place, nearest, apart = (values[k, : -(-count[k] // every)] for values in of_rays)
+            near = (nearest >= 0) & (apart < (_FAR * self._size) ** 2)
+            part = self._near_part[nearest[near]]
+            if not len(part):
                 continue
-            of_view = np.bincount(part, np.full(len(part), every * pixel), self._parts)
+            of_view = np.bincount(part, np.full(len(part), every * pixel[k]), self._parts)
             area = sorted([*area, of_view], key=lambda each: -each.sum())[:2]
-            places.append(place)
+            places.append(place[near])
         # The view with the second most area decides, or that with the most, less what may be a fault of its mask.
         most, second = (each.sum() for each in area)
         alone = max(most - _FAULT_AREA * self._size**2, 0.0)
         return Uncovered(area[0] * (alone / most) if alone > second else area[1], np.concatenate(places))
 
-    def _beside(self, skin: np.ndarray, step: np.ndarray, deep: np.ndarray) -> list[np.ndarray]:
-        """Of each view's mask the cells (n, 2), column and row, that are deeper than ``deep`` px beside skin (n, 2).
-
-        A view's cells are ``step`` (camera,) pixels apart; where that is 0 the view is left out.
-        """
-        radius = np.maximum(1, np.round(deep / np.maximum(step, 1)).astype(int)) * (step > 0)
-        reach = np.full((len(step), radius.max() + 1), -1, np.int32)
-        for row, r in zip(reach, radius.tolist(), strict=True):
-            row[: r + 1] = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * r + 1, 2 * r + 1))[r:].sum(axis=1) // 2
-        count = _zeros(len(step), wp.int32)
-        apart = _on_cpu(step.astype(np.int32), wp.int32)
-        find_cells(self._sight, _on_cpu(skin, wp.vec2d), apart, _on_cpu(reach, wp.int32), *self._cells, count)
-        cell = self._cells[1].numpy()
-        return [cell[k, :n] for k, n in enumerate(count.numpy().tolist())]
-
-    def _agreed_on(
-        self, k: int, pixels: np.ndarray, depth: float, others: np.ndarray, skin: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where the other views' masks agree with pixels (m, 2) of a view, in the middle along each ray.
-
-        Returns:
-            (n, 3) the places [m], (n,) the nearest point of the skin (point, 3), and (n,) the square of its distance.
-        """
-        reach, step = _REACH * self._size, _STEP * self._size
-        first = max(depth - reach, step)
-        steps = int(np.ceil((depth + reach - first) / step))
-        most = len(others) - max(2, len(others) - (len(others) >= _LEAST_VIEWS))
-        rays, asked = _on_cpu(pixels.astype(np.int32), wp.vec2i), _on_cpu(others.astype(np.int32), wp.int32)
-        follow_rays(self._sight, k, rays, asked, most, (first, step, steps), _on_cpu(skin, wp.vec3d), self._agreed)
-        place, nearest, apart = (each.numpy()[: len(pixels)] for each in self._agreed)
-        hit = nearest >= 0
-        return place[hit], nearest[hit], apart[hit]
-
-    def _projected(self, points: np.ndarray, views: int | slice = slice(None)) -> np.ndarray:
-        """Pixels (..., n, 2) of points (n, 3) in views; NaN behind the camera."""
-        turn, shift = self._lens
-        seen = points @ np.swapaxes(turn[views], -1, -2) + shift[views][..., None, :]
-        pixels: np.ndarray = seen[..., :2] / np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
-        return pixels
-
-
-def _on_cpu(values: np.ndarray, dtype: Any) -> Any:
-    """A NumPy array as kernels take it, without a copy where it is contiguous."""
-    return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu", copy=False)
+    def _launch(self) -> None:
+        """All launches of a look, and what is found on its way to the host."""
+        self._posed.send(1)
+        pose_vertices(self._body, self._pose, self._vertex, self._batch, self._joints, self._look.posed)
+        place_points(self._sight, self._look)
+        find_cells(self._sight, self._look)
+        follow_rays(self._sight, self._look, _LEAST_VIEWS)
+        self._answers.fetch(self._cameras)
 
 
 def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarray, frames: int) -> np.ndarray:

@@ -18,7 +18,7 @@ import bench_optimizers as peers_module
 import numpy as np
 import pytest
 import warp as wp
-from bench_growth import Line, growth_lines
+from bench_growth import Line, growth_lines, with_triangles
 from bench_optimizers import ENGINES, FUNCTIONS, optimizer_peers
 from bench_peers import peers
 from bench_report import full_report, main, missing
@@ -76,7 +76,8 @@ def test_the_measure_is_what_the_documents_say():
 
 @pytest.mark.parametrize("triangles", [1300, 10400])
 def test_a_mesh_of_other_triangles_is_closed_and_shows_the_same(triangles):
-    load, own = workload(**SMALL, triangles=triangles), workload(**SMALL)
+    own = workload(**SMALL)
+    load = with_triangles(own, triangles)
     assert load.sizes["triangles"] == triangles
     assert is_closed(load.body.tracking_face)
     np.testing.assert_allclose(load.body.tracking.weight.sum(axis=1), 1.0, rtol=0, atol=1e-5)
@@ -225,7 +226,7 @@ def test_digits_are_in_the_unit_of_another_duration():
 
 
 def test_the_command_writes_a_report_and_compares(monkeypatch, report, tmp_path, capsys):
-    monkeypatch.setattr("mmocap_warp.bench.suite.run_suite", lambda plan, tell: report)
+    monkeypatch.setattr("mmocap_warp.bench.suite.run_suite", lambda plan, tell, load: report)
     path = tmp_path / "report.json"
     assert cli.main(["bench", "--device", "cpu", "-o", str(path)]) == console.OK
     assert json.loads(path.read_text()) == report
@@ -233,7 +234,7 @@ def test_the_command_writes_a_report_and_compares(monkeypatch, report, tmp_path,
     shown = capsys.readouterr().out
     assert "whole evaluation" in shown
     assert json.loads(shown[shown.index("\n{\n") :]) == report
-    monkeypatch.setattr("mmocap_warp.bench.suite.run_suite", lambda plan, tell: report | {"ok": False})
+    monkeypatch.setattr("mmocap_warp.bench.suite.run_suite", lambda plan, tell, load: report | {"ok": False})
     assert cli.main(["bench", "--device", "cpu"]) == console.CHECK_FAILED
 
 

@@ -11,6 +11,7 @@ from synthetic import synthetic_body
 from mmocap_warp.biomechanics.joint_angles import joint_angles, joints_left_out, own_angles
 from mmocap_warp.biomechanics.measure_all import measure
 from mmocap_warp.biomechanics.segments import SEGMENTS
+from mmocap_warp.body.joint_sets import joint_set
 from mmocap_warp.body.rotations import turn, zyx_angles
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.synthesis.motion.limb_motion import Leg
@@ -42,6 +43,22 @@ def test_knee_flexion_is_what_was_planted(name, side):
     assert off[planted <= 30].max() < 0.2
     assert off[planted <= 60].max() < 0.4
     assert off.max() < 0.65
+
+
+@pytest.mark.parametrize("name", ["adult_man", "adult_woman", "tall_slim_adult"])
+def test_limbs_go_by_the_centres_of_a_joint_set(name):
+    """In the bind pose, where all definitions of a centre stand still, thigh and shank point from one to the next."""
+    body = load_body(name)
+    isb = joint_set("isb", body)
+    rest = dict(zip(isb.names, isb.at_rest(body), strict=True))
+    measured = measure(answer(body, np.zeros((1, body.skeleton.coordinates))), joint_set=isb)
+    for side in "LR":
+        hip, knee, ankle = (rest[f"{side}{joint}"] for joint in ("Hip", "Knee", "Ankle"))
+        thigh, shank = ((a - b) / np.linalg.norm(a - b) for a, b in ((hip, knee), (knee, ankle)))
+        angles = measured.runs[0].angles[f"{side}Knee"]
+        both = np.cos(np.radians([angles["flexion"][0], angles["adduction"][0]])).prod()
+        assert both == pytest.approx(thigh @ shank, abs=1e-6)
+        assert measured.lengths[f"{side}Hip to {side}Knee"].length == pytest.approx(np.linalg.norm(hip - knee))
 
 
 def planted_pose(body, joint, upper, lower, relative):

@@ -7,7 +7,9 @@ import sys
 import zipfile
 from collections import OrderedDict
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -20,8 +22,9 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body, write_body
 from mmocap_warp.rigging.shipped import load_body
 
-SETS = {"isb": 15, "coco17": 17, "body25": 25, "h36m17": 17, "humaneva": 15, "soma77": 22}
+SETS = {"isb": 15, "coco17": 17, "body25": 25, "h36m17": 17, "humaneva": 15, "soma77": 22, "rajagopal": 41}
 MAN = load_body("adult_man")
+DOCS = Path(__file__).parents[2] / "docs"
 POSE = np.random.default_rng(0).uniform(-0.5, 0.5, (3, MAN.skeleton.coordinates))
 SUBJECT = Subject(MAN, np.eye(3), POSE[0], {})
 
@@ -47,6 +50,24 @@ def test_named_sets_lie_near_the_joints_that_they_define_otherwise(person: str, 
     for left, place in zip(joints, rest, strict=True):
         if left.startswith("L"):
             np.testing.assert_allclose(rest[joints.index(f"R{left[1:]}")], place * [-1, 1, 1], atol=2e-3)
+
+
+PLUGIN_GAIT = (
+    "LFHD RFHD LBHD RBHD C7 T10 CLAV STRN RBAK LSHO RSHO LUPA RUPA LELB RELB LFRM RFRM LWRA RWRA LWRB RWRB LFIN RFIN "
+    "LASI RASI LPSI RPSI LTHI RTHI LKNE RKNE LTIB RTIB LANK RANK LHEE RHEE LTOE RTOE"
+)
+
+
+def test_all_markers_of_plug_in_gait_and_all_that_opensim_is_set_up_for_are_there() -> None:
+    model = joint_set("rajagopal", MAN)
+    named = set(PLUGIN_GAIT.split())
+    assert len(named) == 39
+    assert named <= {*model.names, *MAN.marker_names}
+    # The setups name each marker but the one that the model does not have, in tasks of either tool and in pairs.
+    for setup in (DOCS / "interchange" / "opensim").glob("*.xml"):
+        root = ElementTree.parse(setup).getroot()
+        assert {task.get("name") for task in root.iter("IKMarkerTask")} == {*model.names} - {"RBAK"}
+        assert {name for pair in root.iter("markers") for name in pair.text.split()} <= {*model.names}
 
 
 def test_points_follow_the_fitted_shape_and_scale() -> None:

@@ -11,7 +11,8 @@ import pytest
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks import observation
-from mmocap_warp.masks.observation import KeptObservations, Observation, read_ahead
+from mmocap_warp.masks.observation import KeptObservations, Observation
+from mmocap_warp.scene.frame_choice import read_ahead
 
 
 @pytest.mark.parametrize("in_memory", [2**28, 100])

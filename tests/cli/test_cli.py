@@ -186,7 +186,7 @@ ALL_COMMANDS = (
     *COMMANDS[:-1], "batch", "sync", "measure", "synth", "humaneva", "bench",
     *(f"calib {name}" for name in ("convert", "check", "refine", "solve")),
     *(f"body {name}" for name in ("import", "export", "learn", "show")),
-    *(f"study {name}" for name in ("make", "run", "show", "report", "ablate")),
+    *(f"study {name}" for name in ("make", "run", "show", "report")),
 )  # fmt: skip
 
 

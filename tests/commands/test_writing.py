@@ -41,11 +41,6 @@ def test_limits_are_learnt_from_motions(tmp_path):
         (lambda folder: mm.make_sequences(folder / "a", ["S9/Fly"]), r"^sequence S9/Fly is not one of S1/Walking"),
         (lambda folder: mm.make_sequences(folder / "a", degrade="worse"), r"^degrade: "),
         (lambda folder: mm.run_study("none.toml", engine="cloud"), r"none.toml"),
-        (lambda folder: mm.ablate(folder / "a", seeds=0), r"^seeds must be at least 1, got 0"),
-        (
-            lambda folder: mm.ablate(folder / "a", trackers=["cmaes,seed=1"]),
-            r"^tracker cmaes,seed=1: seed holds for all trackers",
-        ),
         (lambda folder: mm.benchmark(threads=0), r"^threads must be at least 1"),
         (
             lambda folder: mm.report_study(folder, folder / "page.html"),

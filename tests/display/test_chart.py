@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_growth import decades, names_of_curves
 
 from mmocap_warp.display.chart import (
     Axis,
@@ -16,8 +17,6 @@ from mmocap_warp.display.chart import (
     box,
     categories,
     curve,
-    decades,
-    names_of_curves,
     outline,
     picture,
     polyline,

@@ -245,7 +245,10 @@ def test_how_masks_are_cleaned_needs_no_subtraction(subtractions: list[int], tmp
     assert not subtractions
 
 
-def test_masks_are_kept_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_masks_are_kept_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "mmocap_warp.scene.frame_choice._FRAMES_AHEAD", 1
+    )  # else all are read when the first is asked for
     stream = load_scene(write_scene(tmp_path, "clean_plate")).masks()
     next(stream)
     stream.close()

@@ -117,16 +117,17 @@ def test_a_refined_centre_moves_the_pinhole_and_not_the_picture(folder: Path) ->
     np.testing.assert_array_equal(next(refined.masks())[1], before[1])
 
 
-def test_only_one_frame_is_in_memory(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_frames_are_in_memory(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import mmocap_warp.scene.recording as module
 
     decoded = []
     original = module.decode_mask
+    monkeypatch.setattr("mmocap_warp.scene.frame_choice._FRAMES_AHEAD", 1)
     monkeypatch.setattr(module, "decode_mask", lambda *image: decoded.append(0) or original(*image))
     stream = load_scene(folder).masks()
     for frame in range(3):
         next(stream)
-        assert len(decoded) == 3 * (frame + 1)
+        assert 3 * (frame + 1) <= len(decoded) <= 3 * (frame + 3)  # one is read, and one waits
 
 
 def test_written_masks_are_a_scene_that_reads_back(folder: Path) -> None:

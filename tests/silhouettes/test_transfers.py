@@ -22,6 +22,23 @@ def test_what_is_sent_next_does_not_overtake(device):
         np.testing.assert_array_equal(copy.numpy()[:, ::4097], np.array([[number], [number], [0]]).repeat(256, axis=1))
 
 
+def test_what_a_graph_sends_is_not_overtaken_either(device):
+    array, kept = (wp.zeros((3, 1 << 20), dtype=wp.float32, device=device) for _ in range(2))
+    upload, replays, copies = Upload(array), Replays(device), []
+
+    def work() -> None:
+        upload.send(2)
+        wp.copy(kept, array)
+
+    for number in range(1, 7):
+        upload.values[:2] = number
+        replays.run("work", work)
+        upload.sent()
+        copies.append(wp.clone(kept))
+    for number, copy in enumerate(copies, 1):
+        np.testing.assert_array_equal(copy.numpy()[:, ::4097], np.array([[number], [number], [0]]).repeat(256, axis=1))
+
+
 def test_the_current_device_may_be_another_one(device):
     """A worker of a study on the second GPU does not make that one Warp's default."""
     array = wp.zeros((2, 3), dtype=wp.float32, device=device)

@@ -69,6 +69,17 @@ ELSEWHERE = ((0, 1.0), (4, 1.5))
 FOLDED = ((ELBOW + 1, -2.4),)
 
 
+def test_what_a_search_remembers_is_read_after_a_search_only(monkeypatch):
+    made = tracker(seed=9)
+    counter = made.state.counter
+    monkeypatch.setattr(made.search, "counter", None)
+    made.step(seen())
+    assert made.state.counter is counter
+    monkeypatch.undo()
+    made.step(seen(RAISED))
+    assert (made.state.counter != counter).all()
+
+
 def test_a_frame_that_falls_short_is_searched(monkeypatch):
     """The arm is too far for the contours, and nothing is scattered. With one seed of six the search finds it."""
     made = tracker(seed=9)

@@ -152,7 +152,10 @@ class PlannedFrame:
     def polished(self, guess):
         return replace(guess, cost=self.polished_cost[int(guess.pose[1])])
 
-    def with_limbs_found(self, guess, rounds):
+    def split_random(self):
+        return None
+
+    def with_limbs_found(self, guess, rounds, random=None):
         return replace(guess, cost=self.limbs_cost.get(int(guess.pose[1]), guess.cost))
 
     def with_sides_swapped(self, guess):

@@ -15,7 +15,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.fitting.clip_body import follow, frames_to_follow, solve_body
-from mmocap_warp.fitting.frame_fit import FrameFit, Guess
+from mmocap_warp.fitting.frame_fit import FrameFit, Guess, by_turns
 from mmocap_warp.fitting.standing_search import FirstFrame
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.masks.observation import Observation, unpack_masks
@@ -55,6 +55,20 @@ def seen(body, pose) -> Observation:
 def joints(body, pose) -> dict[str, np.ndarray]:
     places = Poser(body, BASE).joint_transforms(pose)[0, :, :3, 3]
     return dict(zip(body.skeleton.joints, places, strict=True))
+
+
+def test_fits_that_take_turns_find_what_one_finds(man, space):
+    """Each guess has the random numbers that it would have in a row."""
+    pose = standing(man, LElbow=[0.0, 0.9, 0.0])
+    frame = FirstFrame(RIG, seen(man, pose))
+    one, *_ = fits = [FrameFit(space, frame) for _ in range(3)]
+    alone = FrameFit(space, frame)
+    guesses = [Guess(np.zeros(len(space.names)), BASE, standing(man, LElbow=[0.0, turn, 0.0])) for turn in (0.0, 0.5)]
+    in_a_row = [alone.with_limbs_found(guess, 1) for guess in guesses]
+    at_once = by_turns(fits, FrameFit.with_limbs_found, guesses, [1, 1], [one.split_random() for _ in guesses])
+    for each, other in zip(in_a_row, at_once, strict=True):
+        assert each.cost == other.cost
+        np.testing.assert_array_equal(each.pose, other.pose)
 
 
 def test_limbs_are_the_parts_that_move_only_themselves(man):

@@ -77,6 +77,15 @@ def test_what_one_view_alone_shows_may_be_a_fault_of_its_mask() -> None:
     assert not beside(with_cube(0.25, views=(1,))[0]).area.any()
 
 
+def test_looks_beyond_those_that_marks_can_tell_apart_find_the_same(monkeypatch) -> None:
+    monkeypatch.setattr("mmocap_warp.tracking.uncovered.MOST_LOOKS", 2)
+    finder, seen = UncoveredArea(SUBJECT, RIG), Observation.from_masks(with_cube(0.25)[0])
+    areas = [finder.of(SUBJECT.pose[None], seen)[0].area for _ in range(5)]
+    assert areas[0].any()
+    assert all((area == areas[0]).all() for area in areas)
+    assert finder._look.number.numpy()[0] == 1
+
+
 def test_ten_times_a_second_is_looked_and_three_times_as_often_at_final_poses() -> None:
     assert [look_interval(rate) for rate in (5.0, 60.0, 240.0)] == [1, 6, 24]
     assert [look_interval(rate, final=True) for rate in (5.0, 60.0, 240.0)] == [1, 2, 8]

@@ -28,7 +28,7 @@ PairsFromRest = Callable[[int, RootedPoses], RootedPoses]
 
 
 class UncoveredMask(Protocol):
-    """Tells of mask area that a pose leaves uncovered and that several views agree on."""
+    """Finds mask area that a pose leaves uncovered and that several views agree on."""
 
     def area(self, frame: int, rooted: RootedPoses) -> np.ndarray:
         """(pose,) how much poses in a frame leave uncovered, in units of what makes a limb doubtful."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip.backward_pass import AHEAD, BackwardPass
+from mmocap_warp.contour.clip.device_band import DeviceBand, Motion
 from mmocap_warp.contour.clip.motion_penalty import HELD, MotionPenalty
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, STOP, Trust
@@ -63,6 +64,7 @@ class ClipProblem:
     rate: float  # frames a second
     # a second opinion on a window's poses; where it differs the window is solved anew. None to do without
     backward: BackwardPass | None = None
+    band: DeviceBand | None = None  # solves steps on a GPU; None for NumPy, on a CPU twenty times as fast
 
     def windows(
         self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine(), shows: np.ndarray | None = None
@@ -138,15 +140,14 @@ class ClipProblem:
         damping = np.ones(len(rooted))
         for _ in range(steps):
             # Step, and judge each frame by what it costs there.
-            points = self.points.linearised(held.followed_by(rooted))
-            motion = penalty.around(*points, known(contour.observed)).without_first(len(held))
-            band = motion.band + (contour.matrix + trust.matrix(contour, damping))
-            step = np.clip(band.solved(contour.gradient + motion.gradient), -LARGEST_STEP, LARGEST_STEP)
+            own = replace(contour, matrix=contour.matrix + trust.matrix(contour, damping))
+            step, motion_cost = self._step(held.followed_by(rooted), len(held), known(contour.observed), own, penalty)
+            step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
             moved = self.rooting.stepped(rooted, step)
             there = self.linearise(frames, moved)
             places = self.points.at(held.followed_by(moved))
             cost = there.cost + penalty.cost(places, known(there.observed))[len(held) :]
-            taken = cost <= (contour.cost + motion.cost) * (1.0 + _NOISE)
+            taken = cost <= (contour.cost + motion_cost) * (1.0 + _NOISE)
             # Take the step where it helps, and damp the next one where it does not.
             taken |= ~contour.observed
             rooted, contour = moved.where(taken, rooted), there.where(taken, contour)
@@ -154,6 +155,20 @@ class ClipProblem:
             if np.abs(step).max() < STOP:
                 break
         return rooted, contour
+
+    def _step(
+        self, rooted: RootedPoses, held: int, known: np.ndarray, own: NormalEquations, penalty: MotionPenalty
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The step (frame, dof) from poses, and their share of the penalty (frame,); the first ones are ``held``.
+
+        ``known`` (frame,) bool are the frames that show anything, or are held, and ``own`` is what each of the others
+        says.
+        """
+        if self.band:
+            moving = Motion(self.points, rooted, penalty, known)
+            return self.band.solved(moving, held, own), moving.terms.cost[held:]
+        motion = penalty.around(*self.points.linearised(rooted), known).without_first(held)
+        return (motion.band + own.matrix).solved(own.gradient + motion.gradient), motion.cost
 
 
 def _final_frames(observed: np.ndarray, overlap: int) -> int:

@@ -36,6 +36,15 @@ class MotionCost:
         return MotionCost(self.cost[frames:], self.gradient[frames:], self.band.without_first(frames))
 
 
+@dataclass(frozen=True, eq=False)
+class PenaltyTerms:
+    """What a penalty makes of points, before their derivatives come in."""
+
+    cost: np.ndarray  # (frame,) float64, a frame's share
+    pull: np.ndarray  # (frame, joint, value) float64, the direction in which it falls, of the joint's points
+    couplings: np.ndarray  # (3, frame, joint) float64, of frames 0, 1 and 2 apart, by the earlier one
+
+
 class MotionPenalty:
     """What accelerations and velocities of the joints cost, in units of their standard deviations.
 
@@ -57,22 +66,27 @@ class MotionPenalty:
 
     def around(self, points: np.ndarray, derivative: np.ndarray, seen: np.ndarray) -> MotionCost:
         """The penalty around points (frame, point, 3) with derivatives (frame, point, 3, dof) in frames ``seen``."""
-        frames, count, _, dof = derivative.shape
-        joints = count // POINTS_A_JOINT
+        frames, _, _, dof = derivative.shape
+        terms = self.terms(points, seen)
+        slopes = derivative.reshape(frames, -1, dof) / np.sqrt(POINTS_A_JOINT)
+        gradient = np.einsum("frd,fr->fd", slopes, terms.pull.reshape(frames, -1))
+        across = np.swapaxes(slopes, 1, 2)
+        by_row = np.repeat(terms.couplings, 3 * POINTS_A_JOINT, axis=2)[..., None]
+        blocks = [across[o:] @ (by_row[o, : frames - o] * slopes[: frames - o]) for o in range(min(3, frames))]
+        return MotionCost(terms.cost, gradient, BlockBand(blocks))
+
+    def terms(self, points: np.ndarray, seen: np.ndarray) -> PenaltyTerms:
+        """What :meth:`around` is made of, without derivatives."""
+        frames, joints = len(points), points.shape[1] // POINTS_A_JOINT
         pull = np.zeros((frames, joints, 3 * POINTS_A_JOINT))
-        couplings = np.zeros((3, frames, joints))  # of frames 0, 1 and 2 apart, by the earlier one
+        couplings = np.zeros((3, frames, joints))
         for _, stencil, error, far, _ in self._errors(points, seen):
             rows = len(error)
             for i, weight in enumerate(stencil):
                 pull[i : i + rows] -= (weight / far)[..., None] * error
                 for j in range(i + 1):
                     couplings[i - j, j : j + rows] += weight * stencil[j] / far
-        slopes = derivative.reshape(frames, -1, dof) / np.sqrt(POINTS_A_JOINT)
-        gradient = np.einsum("frd,fr->fd", slopes, pull.reshape(frames, -1))
-        across = np.swapaxes(slopes, 1, 2)
-        by_row = np.repeat(couplings, 3 * POINTS_A_JOINT, axis=2)[..., None]
-        blocks = [across[o:] @ (by_row[o, : frames - o] * slopes[: frames - o]) for o in range(min(3, frames))]
-        return MotionCost(self.cost(points, seen), gradient, BlockBand(blocks))
+        return PenaltyTerms(self.cost(points, seen), pull, couplings)
 
     def cost(self, points: np.ndarray, seen: np.ndarray) -> np.ndarray:
         """(frame,) what :meth:`around` gives as each frame's cost, without what only a step needs."""

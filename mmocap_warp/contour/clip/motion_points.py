@@ -26,32 +26,37 @@ class MotionPoints:
         self._parent = skeleton.parent
         self._frame = skeleton.frame.astype(float)
         self._rest = np.asarray(joint_rest, float)
-        self._searched = [int(coordinate) for coordinate in searched]
-        self._below, self._slides = skeleton.below, skeleton.slides
+        self.searched = [int(coordinate) for coordinate in searched]
+        self.below, self.slides = skeleton.below, skeleton.slides  # (joint, joint) and (joint,) bool
 
     def at(self, rooted: RootedPoses) -> np.ndarray:
         """The points of each frame, (frame, point, 3) [m]; joint ``j`` has numbers ``4 j`` to ``4 j + 3``."""
         world, centre, _ = self._joints(rooted)
         return _points(world, centre).reshape(len(rooted), -1, 3)
 
+    def with_axes(self, rooted: RootedPoses) -> tuple[np.ndarray, np.ndarray]:
+        """The points, and what each joint's angles turn about, or what it slides along, (frame, joint, axis, 3)."""
+        world, centre, axes = self._joints(rooted)
+        return _points(world, centre).reshape(len(rooted), -1, 3), axes
+
     def linearised(self, rooted: RootedPoses) -> tuple[np.ndarray, np.ndarray]:
         """The points, and their derivatives by the searched coordinates, (frame, point, 3, dof) [m, m/rad]."""
         world, centre, axes = self._joints(rooted)
         points = _points(world, centre)  # (frame, joint, 4, 3)
         frames, joints = centre.shape[:2]
-        derivative = np.zeros((frames, len(self._searched), joints, POINTS_A_JOINT, 3))
-        for number, coordinate in enumerate(self._searched):
+        derivative = np.zeros((frames, len(self.searched), joints, POINTS_A_JOINT, 3))
+        for number, coordinate in enumerate(self.searched):
             if coordinate < TRANSLATION:
                 derivative[:, number, ..., coordinate] = 1.0
                 continue
             joint, axis = divmod(coordinate - TRANSLATION, 3)
-            below = self._below[joint]
-            if self._slides[joint]:
+            below = self.below[joint]
+            if self.slides[joint]:
                 derivative[:, number, below] = axes[:, joint, axis, None, None]
                 continue
             arm = points[:, below] - centre[:, joint, None, None]
             derivative[:, number, below] = np.cross(axes[:, joint, axis, None, None], arm)
-        by_point = derivative.reshape(frames, len(self._searched), joints * POINTS_A_JOINT, 3)
+        by_point = derivative.reshape(frames, len(self.searched), joints * POINTS_A_JOINT, 3)
         return points.reshape(frames, -1, 3), np.moveaxis(by_point, 1, -1)
 
     def centres_by_rest(self, rooted: RootedPoses, change: np.ndarray) -> np.ndarray:
@@ -90,7 +95,7 @@ class MotionPoints:
                 held = world[:, parent] @ (into_parent @ self._frame[joint])
                 bone = into_parent @ (self._rest[joint] - self._rest[parent])
                 centre[:, joint] = centre[:, parent] + applied(world[:, parent], bone)
-            if self._slides[joint]:
+            if self.slides[joint]:
                 centre[:, joint] += applied(held, angles[:, joint])
                 world[:, joint], axes[:, joint] = held, transposed(held)
                 continue

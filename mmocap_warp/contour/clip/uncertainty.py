@@ -18,6 +18,7 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import transposed
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.contour.clip.clip_problem import OVERLAP, ClipProblem, SolvedWindow
+from mmocap_warp.contour.clip.device_band import Motion
 from mmocap_warp.contour.clip.motion_penalty import MotionPenalty
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT
 from mmocap_warp.contour.frame.normal_equations import LineariseViews, NormalEquations
@@ -118,9 +119,11 @@ def marginal_covariance(
         rooted: their poses, solved.
         acceleration: of the penalty that they were solved under [m/s^2].
     """
-    points = problem.points.linearised(rooted)
-    motion = MotionPenalty(acceleration, problem.rate).around(*points, contour.observed)
-    return (motion.band + contour.with_prior(problem.rooting.anywhere**-2.0)).inverse_diagonal()
+    penalty, own = MotionPenalty(acceleration, problem.rate), contour.with_prior(problem.rooting.anywhere**-2.0)
+    if problem.band:
+        return problem.band.inverse_diagonal(Motion(problem.points, rooted, penalty, contour.observed), own)
+    motion = penalty.around(*problem.points.linearised(rooted), contour.observed)
+    return (motion.band + own).inverse_diagonal()
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +137,8 @@ class BodyChanges:
 
 def body_changes(body: BodyModel) -> BodyChanges:
     """What a body can be solved for, how bind poses differ besides, and how its sides differ."""
-    space, turns, seen = RestSpace(body), bind_pose_turns(body), body.tracking_vertex
+    space, seen = RestSpace(body), body.tracking_vertex
+    turns = bind_pose_turns(body, space.weight)
     vertex, joint = space.basis(np.zeros(len(space.names)), seen)
     sides_sigma, sides_vertex, sides_joint = space.between_sides()
     return BodyChanges(

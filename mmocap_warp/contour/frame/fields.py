@@ -83,10 +83,10 @@ class DistanceFields:
         for number, observation in enumerate(observations):
             words[number] = observation.possible
             foreground[number] = observation.foreground
-        self._word.send(frames)
-        self._foreground.send(frames)
         if self._has_room:
             self._replays.run(frames, self._find_and_measure)
+            self._word.sent()
+            self._foreground.sent()
             return
         self._find()
         boxes = self._boxes.numpy()
@@ -116,6 +116,8 @@ class DistanceFields:
         self._measure()
 
     def _find(self) -> None:
+        self._word.send(len(self._boxes))
+        self._foreground.send(len(self._boxes))
         find_boxes(self._masks, self._scratch, self._boxes)
 
     def _measure(self) -> None:
@@ -139,9 +141,11 @@ class DistanceFields:
         old, fields = self._workings.room, self.struct
         if room > old:
             places = fields.box.shape[0]
-            value = wp.zeros(places * room, dtype=wp.float32, device=self._device)
-            for place in range(places if old else 0):
-                wp.copy(value, fields.value, place * room, place * old, old)
+            value = wp.empty(places * room, dtype=wp.float32, device=self._device)
+            boxes = fields.box.numpy()
+            used = pixels_of(boxes[..., 2], boxes[..., 3]).sum(axis=1).tolist()
+            for place in np.flatnonzero(used).tolist():
+                wp.copy(value, fields.value, place * room, place * old, used[place])
             fields.start.assign(fields.start.numpy() + ((room - old) * np.arange(places, dtype=np.int32))[:, None])
             fields.value = value
             self._workings.room = room

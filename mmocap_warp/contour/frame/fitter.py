@@ -137,6 +137,7 @@ class ContourFitter:
         self._residuals = allocated(Residuals, device, normal=edge, weighted=edge, tally=edge)
         columns = OWN if lens else 0
         self._width = width = len(self.index) + parameters + columns + 1
+        self._row_and_column = np.tril_indices(width)
         self._rows = allocated(Rows, device, value=math.prod(edge) * width, width=width, own=columns)
         self._sums = allocated(Sums, device, triangle=math.prod(view) * triangle_words(width), tally=view)
         self.descent = make_descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
@@ -145,6 +146,7 @@ class ContourFitter:
         self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.struct.frame)]
         self._replays, self._recordings = Replays(device), Recordings()
         self._answers = Download([self.descent.best, self.descent.tally])
+        self._summed_up = Download([self._sums.triangle.reshape((*view, triangle_words(width))), self._sums.tally])
 
     def observe(self, place: int, observation: Observation) -> None:
         """Put a frame's masks into one of the places for frames."""
@@ -248,15 +250,30 @@ class ContourFitter:
             part = slice(first, min(first + self.candidates, len(rooted)))
             if neighbours and self.late:
                 self.move(rooted[part], neighbours[part])
-            self.start_at(rooted.pose[part], rooted.base[part], place[part])
-            self._work.run(lambda batch: self._again(batch, 0, self._sum), part.stop - part.start)
-            yield part.stop - part.start
+            count = self.set_starts(rooted.pose[part], rooted.base[part], place[part])
+            self._replays.run(("sums", count, *self._baked), partial(self._sum_up, count))
+            yield count
+
+    def _sum_up(self, count: int) -> None:
+        """Sum up the first candidates' poses, and have the sums on their way to the host."""
+        self.send_starts(count)
+        self._work.run(lambda batch: self._again(batch, 0, self._sum), count)
+        self._summed_up.fetch(count)
 
     def start_at(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> None:
         """Set the first candidates' poses (n, coordinate), root bases (n, 3, 3), and the places of their frames."""
+        self.send_starts(self.set_starts(pose, base, place))
+
+    def set_starts(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> int:
+        """As :meth:`start_at` on the host alone: they are still to be sent. Returns how many there are."""
         for upload, values in zip(self._starts, (pose, base, place), strict=True):
             upload.values[: len(values)] = values
-            upload.send(len(values))
+        return len(pose)
+
+    def send_starts(self, count: int) -> None:
+        """Send what was set of the first candidates; a graph may hold this."""
+        for upload in self._starts:
+            upload.send(count)
 
     def descend(self, count: int, steps: int) -> None:
         """Take damped steps with the first ``count`` candidates, from ``descent.pose`` towards lower cost.
@@ -277,12 +294,17 @@ class ContourFitter:
             count = part.stop - part.start
             if self.late:
                 self.move(starts[part], neighbours[part])
-            self.start_at(starts.pose[part], starts.base[part], place[part])
-            self.descend(count, steps)
-            self._answers.fetch(count)
+            self.set_starts(starts.pose[part], starts.base[part], place[part])
+            self._replays.run(("answers", count, steps, *self._baked), partial(self._answer, count, steps))
             pose[part], tally = self._answers.read(count)
             cost[part] = 0.5 * tally[:, :, 0].astype(np.float64).sum(axis=1)
         return RootedPoses(starts.base, pose), cost
+
+    def _answer(self, count: int, steps: int) -> None:
+        """Descend from the starts, and have the answers on their way to the host."""
+        self.send_starts(count)
+        self._run(count, steps)
+        self._answers.fetch(count)
 
     def _run(self, count: int, steps: int) -> None:
         descent = self.descent
@@ -345,12 +367,12 @@ class ContourFitter:
 
     def _sums_of_views(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (candidate, camera, element) and costs (candidate, camera), float64."""
-        triangle = self._sums.triangle.numpy().reshape(self.candidates, -1, triangle_words(self._width))
-        return triangle[:count].astype(np.float64), self._sums.tally.numpy()[:count, :, 0].astype(np.float64)
+        triangle, tally = self._summed_up.read(count)
+        return triangle.astype(np.float64), tally[:, :, 0].astype(np.float64)
 
     def _unpacked(self, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Matrices (..., n, n) and gradients (..., n) of triangles (..., element)."""
-        row, column = np.tril_indices(self._width)
+        row, column = self._row_and_column
         full = np.zeros((*triangle.shape[:-1], self._width, self._width))
         full[..., row, column] = full[..., column, row] = triangle
         n = self._width - 1

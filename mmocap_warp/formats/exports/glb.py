@@ -5,7 +5,8 @@ use of a library would be. trimesh writes neither skins nor animations, and pygl
 objects, leaves buffers, accessors and their bounds to its caller.
 
 glTF is in metres and Y up. Time starts at 0; ``asset.extras.first_frame`` is the recording's. Cameras are left out, as
-glTF's cannot have the principal point aside from the middle of the image.
+glTF's cannot have the principal point aside from the middle of the image. A body with VRM's joints makes the file a VRM
+animation (``.vrma``), by the extension that names them.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject, bind_transforms, joint_transforms
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.formats.exports.rigs import RIGS
 from mmocap_warp.formats.exports.tables import best_run_tracks
 from mmocap_warp.result.marker_errors import triangulated
 from mmocap_warp.result.result import Result
@@ -29,6 +31,7 @@ from mmocap_warp.whole_file import write_whole
 _MAGIC, _VERSION, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
 _COMPONENTS = {"float32": 5126, "uint16": 5123, "uint32": 5125}
 _VERTICES, _INDICES = 34962, 34963
+_VRM_ANIMATION = "VRMC_vrm_animation"
 _SKIN_LOOK = {"baseColorFactor": [0.8, 0.7, 0.62, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
 
 
@@ -63,10 +66,14 @@ class _Clip(NamedTuple):
 def _write(body: BodyModel, stand: np.ndarray, clips: list[_Clip], about: dict[str, Any], path: Path) -> None:
     """Write a body whose joints stand (joint, 4, 4) below their parents while nothing is played."""
     # All but where its numbers stand. Nodes are the joints in their order, then the skin.
-    buffer, skeleton = _Buffer(), body.skeleton
+    buffer, skeleton, bind = _Buffer(), body.skeleton, bind_transforms(body)
     joints = len(skeleton.joints)
     skin = _skin(body.skin, buffer)
-    inverse_bind = np.linalg.inv(bind_transforms(body))
+    human = {name: {"node": skeleton.index(name)} for name in RIGS["vrm"].names.values() if name in skeleton.joints}
+    is_vrm = len(human) == len(RIGS["vrm"].names)
+    if is_vrm:  # those who play it ask the nodes for the rest pose
+        stand = np.concatenate([bind[:1], np.linalg.inv(bind[list(skeleton.parent[1:])]) @ bind[1:]])
+    inverse_bind = np.linalg.inv(bind)
     inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
     inverse = buffer.add(inverse_bind.transpose(0, 2, 1), "MAT4")  # by columns
     asset = {"version": "2.0", "generator": f"mmocap-warp {__version__}", "copyright": body.attribution}
@@ -79,6 +86,9 @@ def _write(body: BodyModel, stand: np.ndarray, clips: list[_Clip], about: dict[s
         "materials": [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}],
         "skins": [{"joints": list(range(joints)), "skeleton": 0, "inverseBindMatrices": inverse}],
     }
+    if is_vrm:
+        about_bones = {"specVersion": "1.0", "humanoid": {"humanBones": human}}
+        document |= {"extensionsUsed": [_VRM_ANIMATION], "extensions": {_VRM_ANIMATION: about_bones}}
     if clips:
         document["animations"] = [_animation(clip, skeleton.slides, buffer) for clip in clips]
     # Where the numbers stand, and the two chunks of the file.

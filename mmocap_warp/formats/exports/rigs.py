@@ -1,6 +1,6 @@
 """Other programs' rigs: a person under their joints' names, bound in their rest pose, with the same motion.
 
-The rigs are in ``rigs.toml``. A joint's axes at rest are the body's own.
+The rigs are in ``rigs.toml``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Rig:
 
 
 _SHIPPED = tomllib.loads(files(__package__).joinpath("rigs.toml").read_text(encoding="utf-8"))
-RIGS = {name: Rig(**table) for name, table in _SHIPPED.items()}
+RIGS = {name: Rig(rig["names"], **_SHIPPED["poses"][rig["pose"]]) for name, rig in _SHIPPED["rigs"].items()}
 
 
 def with_rig(result: Result, rig: str) -> Result:

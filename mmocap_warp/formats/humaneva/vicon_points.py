@@ -1,8 +1,9 @@
 """HumanEva's markers, and its fifteen joints computed from Vicon's segments, at the times of its video frames.
 
 The markers are those of Vicon's Plug-in Gait. It also writes four points a segment: its origin ``O``, and where its
-axes end: ``A`` forward (x), ``L`` to the left (y), ``P`` toward the trunk or up (z). HumanEva takes joints from them
-and moves some, because a marker sits on the skin:
+axes end: ``A`` forward (x), ``L`` to the left (y), ``P`` toward the trunk or up (z). The hip is at ``FEP``, the knee at
+``FEO``, the ankle at ``TIO``, the shoulder at ``CLO``, the elbow at ``HUO``, the wrist at ``RAO``. HumanEva takes
+joints from them and moves some, because a marker sits on the skin:
 
 - the trunk starts 50 mm behind the pelvis's origin, is as long as from there to the thorax's, and leans back, at its
   top by half of the torso's radius;

@@ -233,7 +233,7 @@ def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int, why: str) -> Close
 
     Gaps of less than a few cells are closed, and hollows that cannot be reached from outside are filled. Single sheets
     get two sides. The triangles (face, 3) of vertices (vertex, 3) may be in any order and sense; the grid has ``cells``
-    along its longest side. ``why`` the mesh is wrapped is told the user.
+    along its longest side. The user reads ``why`` the mesh is wrapped.
     """
     from scipy.spatial import cKDTree
 

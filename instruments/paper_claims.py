@@ -1,17 +1,26 @@
-"""The paper's findings, each checked on a study's own numbers."""
+"""The paper's findings, each checked on a study's own numbers: ``python instruments/paper_claims.py RESULTS...``.
+
+The folders are what ``mmocap study run`` wrote. What it prints is Markdown; docs/study/README.md draws on it.
+"""
 
 from __future__ import annotations
 
+import sys
 import tomllib
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import astuple, dataclass, replace
 from functools import partial
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mmocap_warp.display.page.viewer import resource
+from mmocap_warp.errors import InputError
+from mmocap_warp.study.overview import LOST_LIMB, radii_table, shared_sequences
+from mmocap_warp.study.report_parts import Table
 from mmocap_warp.study.statistics import ALPHA, FEWEST_PAIRS
+from mmocap_warp.study.store import read_results
 from mmocap_warp.study.study_tables import (
     FEWEST_SEQUENCES,
     ModelDifference,
@@ -20,11 +29,12 @@ from mmocap_warp.study.study_tables import (
     model_differences,
     model_rankings,
 )
-from mmocap_warp.study.summary import MEASURE_OF, CellSummary, Measure, StudySummary, algorithm_label
-from mmocap_warp.study.wording import counted, named, with_unit
+from mmocap_warp.study.summary import BASELINES, MEASURE_OF, CellSummary, Measure, StudySummary, algorithm_label
+from mmocap_warp.study.wording import DASH, counted, named, over, with_unit
 
 AGREES, MOSTLY, FAILS, DIFFERS, TIED = "agrees", "mostly agrees", "fails", "differs", "tied"
 UNTESTED, TOO_FEW = "not tested", "cannot be judged"
+_MIN_POINTS = 5  # smallest difference in lost limbs that is reported [percentage points]
 
 EVOLUTIONARY: tuple[str, ...] = ("h-cmaes", "cmaes", "h-pso", "pso", "h-de", "de")
 FILTERS: tuple[str, ...] = ("apf", "psapf")
@@ -271,7 +281,7 @@ def _quartile_range(cell: CellSummary, measure: Measure) -> float:
     return float(spread[3] - spread[1])
 
 
-_CLAIMS: dict[str, list[dict[str, Any]]] = tomllib.loads(resource("mmocap_warp.study", "claims.toml"))
+_CLAIMS: dict[str, list[dict[str, Any]]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 _JUDGES: dict[str, Callable[..., Verdict]] = {
     judge.__name__.removeprefix("_"): judge
     for judge in (
@@ -279,3 +289,57 @@ _JUDGES: dict[str, Callable[..., Verdict]] = {
         *(_significantly_larger, _frugal, _in_order, _narrower, _steadier),
     )
 }
+
+
+# ---- The search radii: section 5.1.
+
+
+def which_half(study: StudySummary) -> list[str]:
+    """Which of the paper's two radii loses the limbs, and whose: a sentence per budget with both halves tracked."""
+    table = radii_table(study, LOST_LIMB) if LOST_LIMB in study.measures else None
+    if table is None:
+        return []
+    *rows, total = [dict(zip(table.head, row, strict=True)) for row in table.rows if row[0] not in BASELINES.values()]
+    sentences = []
+    for title in table.head:
+        budget, _, preset = title.partition(": ")
+        pairs = {"0.5 rad and 0.02 m": "paper-rotation", "0.02 rad and 0.5 m": "paper-translation"}
+        halves = {radii: f"{budget}: {preset}" for radii, preset in pairs.items()}
+        if preset != study.preset or not all(total.get(column, DASH) != DASH for column in halves.values()):
+            continue
+        shares = "; ".join(f"{total[column]} % with {radii}" for radii, column in halves.items())
+        at = [cell for cell in study.cells if cell.preset != study.preset and f"{cell.evaluations:,}" == budget]
+        sentence = (
+            f"At {budget} evaluations, over {over(shared_sequences(study, at, False))}, a limb is lost in "
+            f"{total[title]} % of the frames with each algorithm’s own radii; {shares}; "
+            f"{total.get(f'{budget}: paper', DASH)} % with 0.5 of both, mean over the algorithms."
+        )
+        for radii, column in halves.items():
+            gained = {row["Algorithm"]: float(row[column]) - float(row[title]) for row in rows}
+            more = ", ".join(name for name, points in gained.items() if points >= _MIN_POINTS) or "none"
+            less = ", ".join(name for name, points in gained.items() if points <= -_MIN_POINTS) or "none"
+            limbs = f" With {radii} limbs are lost in {_MIN_POINTS} % more of the frames, or above that"
+            sentence += f"{limbs}: {more}; less: {less}."
+        sentences.append(sentence)
+    return sentences
+
+
+def main(folders: Sequence[str]) -> int:
+    """Print the findings on these folders' results."""
+    try:
+        results = list(chain.from_iterable(map(read_results, folders)))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 3
+    study = StudySummary.of(result for result in results if not isinstance(result, InputError))
+    if not study.measures:
+        print("name folders that hold results of 'mmocap study run'", file=sys.stderr)
+        return 3
+    rows = [astuple(finding) for finding in check_claims(study, study.measures[0])]
+    print(Table("", ["Finding", "where", "here by", "verdict", "evidence"], rows).markdown("The paper's findings"))
+    print(*which_half(study), sep="\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
-from study_results import SEQUENCES
+from paper_claims import (
+    AGREES,
+    DIFFERS,
+    EVOLUTIONARY,
+    FAILS,
+    MOSTLY,
+    TIED,
+    TOO_FEW,
+    UNTESTED,
+    check_claims,
+    main,
+    which_half,
+)
+from study_results import SEQUENCES, made_up_study, with_lost_limbs
 
 from mmocap_warp.study import statistics
-from mmocap_warp.study.cell import Cell
-from mmocap_warp.study.claims import AGREES, DIFFERS, EVOLUTIONARY, FAILS, MOSTLY, TIED, TOO_FEW, UNTESTED, check_claims
+from mmocap_warp.study.cell import Cell, write_cell
 from mmocap_warp.study.paper import ALGORITHM_ORDER, EVALUATIONS
+from mmocap_warp.study.store import result_path
 from mmocap_warp.study.summary import MEASURES, CellSummary, StudySummary
 
 MEASURE = {measure.key: measure for measure in MEASURES}
@@ -292,3 +306,52 @@ def test_models_that_are_level_are_tied():
     found = finding_of(planted(error=lambda cell: error(Cell(cell.sequence, cell.algorithm, 39, 500))), "39 degrees")
     assert found.verdict == TIED
     assert found.evidence.endswith("18 ties.")
+
+
+# Made-up results
+
+
+def test_claims_are_checked_not_assumed():
+    """The made-up study agrees with the paper; with two algorithms' results exchanged it no longer does."""
+    results = list(made_up_study(seeds=3, frames=30))
+    findings = check_claims(StudySummary.of(results), MEASURE["marker_error"])
+    of = {finding.claim: finding.verdict for finding in findings}
+    assert sum(verdict == AGREES for verdict in of.values()) >= 9
+    exchange = {"h-cmaes": "apf", "apf": "h-cmaes"}
+    swapped = [
+        replace(result, cell=replace(result.cell, algorithm=exchange.get(result.cell.algorithm, result.cell.algorithm)))
+        for result in results
+    ]
+    verdicts = [finding.verdict for finding in check_claims(StudySummary.of(swapped), MEASURE["marker_error"])]
+    assert verdicts[0] == FAILS
+    assert verdicts.count(AGREES) < sum(verdict == AGREES for verdict in of.values())
+    alone = StudySummary.of(made_up_study(("S1/Box",), ("de",), (39,), (500,), seeds=2, frames=10))
+    assert {finding.verdict for finding in check_claims(alone, MEASURE["marker_error"])} == {UNTESTED}
+
+
+def test_subjects_are_not_taken_for_actions():
+    """S3 boxing alone is no evidence that S3 is hard."""
+    study = StudySummary.of(made_up_study(("S1/Walking", "S2/Gestures", "S3/Box"), models=(39,), seeds=2, frames=10))
+    assert finding_of(study, "Subject S3").verdict == UNTESTED
+
+
+def test_which_of_the_two_radii_loses_the_limbs():
+    others = with_lost_limbs({"common": 1, "paper-rotation": 12, "paper-translation": 2, "paper": 15})
+    searches = made_up_study(SEQUENCES[:3], ("h-cmaes", "de"), (39,), (500, 3000), seeds=3, frames=20)
+    (sentence,) = which_half(StudySummary.of([*searches, *others]))
+    assert "60.0 % with 0.5 rad and 0.02 m; 10.0 % with 0.02 rad and 0.5 m; 75.0 % with 0.5 of both" in sentence
+    assert (
+        "With 0.5 rad and 0.02 m limbs are lost in 5 % more of the frames, or above that: H-CMAES, DE; less: none."
+        in sentence
+    )
+
+
+def test_the_script_prints_a_table(tmp_path, capsys):
+    for result in made_up_study(SEQUENCES[:3], ("h-cmaes", "de"), (39,), (500,), seeds=2, frames=12):
+        write_cell(result_path(tmp_path, result.cell, "0" * 20), result)
+    assert main([str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert (
+        "| H-CMAES has the best average rank for either model and every budget. | Tables 4-5 | MPJPE | agrees |" in out
+    )
+    assert main([str(tmp_path / "none")]) == 3

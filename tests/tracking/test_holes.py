@@ -1,0 +1,168 @@
+"""Holes that open in masks from one frame to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from recordings import write_recording
+
+from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.masks.observation import Observation, unpack_masks
+from mmocap_warp.result.result import STATUS
+from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.frame_loop import track
+from mmocap_warp.tracking.holes import HOLE_SECONDS, with_holes
+from mmocap_warp.tracking.track_config import TrackConfig
+
+RATE = 60.0
+SIZE = np.array([[200, 240], [200, 240]])
+
+
+def person(shift: int = 0) -> np.ndarray:
+    """(240, 200) bool: a head, a trunk with an arm beside it, and legs."""
+    mask = np.zeros((240, 200), bool)
+    mask[20:45, 85 + shift : 105 + shift] = True
+    mask[45:130, 70 + shift : 120 + shift] = True
+    mask[60:66, 120 + shift : 150 + shift] = True
+    mask[130:220, 75 + shift : 92 + shift] = mask[130:220, 98 + shift : 115 + shift] = True
+    return mask
+
+
+def without_trunk(shift: int = 0) -> np.ndarray:
+    mask = person(shift)
+    mask[50:125, 60:160] = False
+    return mask
+
+
+def seen(views: Iterable[np.ndarray], hidden: list[np.ndarray] | None = None) -> Observation:
+    return Observation.from_masks(list(views), None, hidden)
+
+
+def followed(frames: list[np.ndarray], leaves: bool = False, rate: float = RATE) -> Iterator[Observation]:
+    """The first view shows the frames' masks, the second the person; the body is there, or leaves after two frames."""
+    gone = np.roll(person(), 100, axis=1)
+    masks = (seen([mask, person()]) for mask in frames)
+    return with_holes(masks, rate, lambda place: [gone if leaves and place >= 2 else person()] * 2)
+
+
+def hidden(observation: Observation) -> np.ndarray:
+    """(240, 200) bool, of the first view."""
+    assert observation.hidden is not None
+    first, second = unpack_masks(observation.hidden, SIZE)
+    assert not second.any()
+    return first
+
+
+def test_a_trunk_that_vanishes_is_hidden_and_so_is_an_arm_beside_it() -> None:
+    before, at, after = followed([person(), without_trunk(), person()])
+    assert before.hidden is None
+    assert before.holed is None
+    assert hidden(at)[52:123, 72:118].all()
+    assert hidden(at)[60:66, 120:140].all()
+    assert not (hidden(at) & without_trunk()).any()  # the head and the legs are shown
+    assert at.holed is not None
+    assert at.holed.tolist() == [True, False]
+    assert after.hidden is None  # it is back
+
+
+def test_masks_themselves_keep_their_bits() -> None:
+    frames = [person(), without_trunk(), person()]
+    for given, got in zip(frames, followed(frames), strict=True):
+        np.testing.assert_array_equal(unpack_masks(got.words, SIZE)[0], given)
+
+
+def test_where_a_mask_shows_up_no_hole_is() -> None:
+    arm = without_trunk()
+    arm[80:86, 125:160] = True
+    *_, after = followed([person(), without_trunk(), arm])
+    assert not hidden(after)[:, 126:].any()
+    assert hidden(after)[52:123, 72:118].all()
+
+
+def test_a_hole_that_the_body_has_left_is_closed() -> None:
+    observations = followed([person(), without_trunk(), without_trunk()], leaves=True)
+    assert [each.hidden is None for each in observations] == [True, False, True]
+
+
+def test_a_hole_is_followed_for_a_second_at_most() -> None:
+    frames = [person()] + [without_trunk()] * int(1.5 * HOLE_SECONDS * RATE)
+    open_for = sum(each.hidden is not None for each in followed(frames))
+    assert open_for == HOLE_SECONDS * RATE
+
+
+@pytest.mark.parametrize("rate", [60.0, 15.0])
+def test_motion_opens_no_hole(rate: float) -> None:
+    step = round(120 / rate)  # a person's width a third of a second
+    assert all(each.hidden is None for each in followed([person(step * i) for i in range(8)], rate=rate))
+
+
+def test_a_limb_that_is_gone_and_a_mask_that_is_lost_open_no_hole() -> None:
+    armless, nothing = person(), np.zeros((240, 200), bool)
+    armless[:, 120:] = False
+    assert all(each.hidden is None for each in followed([person(), armless, nothing, person()]))
+
+
+def test_somebody_else_who_is_gone_opens_no_hole() -> None:
+    both = person() | np.roll(person(), -70, axis=1)
+    assert all(each.hidden is None for each in followed([both, person()]))
+
+
+def test_what_hides_the_person_already_stays_hidden() -> None:
+    thing = np.zeros((240, 200), bool)
+    thing[150:200, 60:90] = True
+    stream = (seen([mask, person()], [thing & ~mask, np.zeros_like(thing)]) for mask in (person(), without_trunk()))
+    *_, at = with_holes(stream, RATE, lambda _: [person()] * 2)
+    assert hidden(at)[150:200, 60:70].all()
+    assert hidden(at)[52:123, 72:118].all()
+
+
+@pytest.fixture(scope="module")
+def holed_scene(tmp_path_factory) -> Path:
+    """A figure before three cameras, whose trunk is missing in all of them from the fourth to the eighth frame."""
+    folder = tmp_path_factory.mktemp("holes") / "made"
+    write_recording(folder, 12)
+    for file in sorted(folder.glob("masks/*/*.png")):
+        if 3 <= int(file.stem) < 8:
+            mask = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            x, y, width, height = cv2.boundingRect(mask)
+            mask[y + height // 4 : y + 3 * height // 4, x : x + width] = 0
+            file.unlink()
+            cv2.imwrite(str(file), mask)
+    return folder / "scene.toml"
+
+
+CONFIG = TrackConfig("contour", scale=0.5, device="cpu", threads=1)
+
+
+def test_a_run_that_stops_at_an_open_hole_is_resumed_with_the_same_bits(holed_scene, tmp_path, monkeypatch):
+    scene, subject = load_scene(holed_scene), read_subject(holed_scene.with_name("subject.usdc"))
+    step, hidden_in = ContourTracker.step, []
+
+    def stopping(self, seen):
+        hidden_in.append(seen.hidden is not None)
+        if len(hidden_in) == 12 + 6:
+            raise KeyboardInterrupt
+        return step(self, seen)
+
+    monkeypatch.setattr(ContourTracker, "step", stopping)
+    whole = track(scene, subject, CONFIG)
+    with pytest.raises(KeyboardInterrupt):
+        track(scene, subject, CONFIG, checkpoint=tmp_path / "made.checkpoint")
+    resumed = track(scene, subject, CONFIG, checkpoint=tmp_path / "made.checkpoint", resume=True)
+    assert all(hidden_in[3:8])
+    assert not any([*hidden_in[:3], *hidden_in[9:12]])
+    assert hidden_in[18:] == hidden_in[5:12]
+    for field in ("pose", "raw_pose", "cost", "status", "joint_sigma"):
+        np.testing.assert_array_equal(getattr(resumed, field), getattr(whole, field))
+
+
+def test_frames_with_holes_in_all_views_say_which_limbs_they_hide(holed_scene):
+    result = track(load_scene(holed_scene), read_subject(holed_scene.with_name("subject.usdc")), CONFIG)
+    (partial,) = np.nonzero(result.status[0] == STATUS.index("partial"))
+    assert set(partial) & set(range(3, 8))
+    assert set(partial) <= set(range(3, 8))

@@ -17,6 +17,7 @@ UNDECIDED = 255  # the label of pixels that may be of either of two people
 _RAYS = 80  # of each label's pixels, which are followed through the other views
 _DEPTHS = np.arange(0.5, 12.0, 0.06)  # along them [m]
 _MIN_SHARE = 0.6  # of a label's rays, on which the person's labels of all views meet. Of a sound one it is 0.7 to 1
+_MIN_SURE = 0.2  # of them, on which no view shows another label, which may hide the person
 _MIN_VIEWS = 3  # that show a person, or both of two: what two views have in common may be nobody
 _MIN_OVERLAP = 0.2  # share of a person's pixels that were this person's when they were last labelled
 
@@ -45,7 +46,7 @@ class People:
         # Whom a view does not show may be part of another's label there: somebody stands before them.
         for labels in people.values():
             for k in np.flatnonzero(labels == 0):
-                made[k][self._hull(k, made[k] > 0, _masks(images, labels))] = UNDECIDED
+                made[k][self._hull(int(k), made[k] > 0, _masks(images, labels))] = UNDECIDED
         return made
 
     def _people(self, images: list[np.ndarray]) -> dict[int, np.ndarray]:
@@ -75,11 +76,11 @@ class People:
         if not len(seen):
             return groups
         rays = [self._rays(k, images[k] == label) for k, label in seen]  # (ray, depth, 3) each
-        owner, points = np.repeat(seen, [len(each) for each in rays], axis=0), np.concatenate(rays)
+        owner, points = np.repeat(np.arange(len(seen)), [len(each) for each in rays]), np.concatenate(rays)
         # What the views show at points that may be a person's: kinds (kind, camera). Beyond an image it may be any, -1.
         views = [seen_at(self._rig, k, points.reshape(-1, 3), image, -1)[1] for k, image in enumerate(images)]
         at = np.stack(views, axis=-1).reshape(*points.shape[:2], -1)
-        at[np.arange(len(at)), :, owner[:, 0]] = owner[:, 1:]
+        at[np.arange(len(at)), :, seen[owner, 0]] = seen[owner, 1:]
         ray, depth = np.nonzero((at > 0).sum(axis=-1) >= least)
         kinds, kind = np.unique(at[ray, depth], axis=0, return_inverse=True)
         met = np.zeros((len(at), len(kinds)), bool)
@@ -87,11 +88,16 @@ class People:
         without = [np.where(np.arange(len(images)) == k, 0, kinds) for k in range(len(images))]
         for labels in np.unique(np.maximum(np.concatenate([kinds, *without]), 0), axis=0):
             alike = (kinds == labels) & (labels > 0)
-            like = (alike | (labels == 0) | (kinds < 0)).all(axis=1) & (alike.sum(axis=1) >= least)
-            on_ray = met[:, like].any(axis=1)
-            shares = [on_ray[(owner == each).all(axis=1)].mean() for each in seen if labels[each[0]] == each[1]]
-            if len(shares) >= least and min(shares) > _MIN_SHARE:
-                rated.append((sum(shares), labels))
+            agree = alike | (labels == 0) | (kinds < 0)
+            most = alike.sum(axis=1) > max(least - 1, (labels > 0).sum() / 2)
+            own = labels[seen[:, 0]] == seen[:, 1]
+            # Of each of its labels the share of rays on which all views agree, and where another's label may hide it.
+            sure, possible = (
+                (np.bincount(owner, met[:, most & like.all(axis=1)].any(axis=1)) / np.bincount(owner))[own]
+                for like in (agree, agree | (kinds > 0))
+            )
+            if own.sum() >= least and possible.min() > _MIN_SHARE and sure.min() > _MIN_SURE:
+                rated.append((possible.sum(), labels))
         for _, labels in sorted(rated, key=lambda each: -each[0]):
             if not any(((labels == other) & (labels > 0)).any() for other in groups):
                 groups.append(labels)

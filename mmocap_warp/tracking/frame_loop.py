@@ -6,6 +6,7 @@ The way of a frame: :func:`track_frames` has its masks tracked (``Tracker.step``
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import asdict, replace
@@ -214,6 +215,7 @@ def _finished(
 
     if config.acceleration:
         result = smoothed(result, config, shown(), progress)
+        gc.collect()  # what was smoothed holds itself, and with it the fields of a window
     return with_evidence(result, config, shown())
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.study.overview import LOST_LIMB, radii_table, shared_sequences
 from mmocap_warp.study.report_parts import Table
-from mmocap_warp.study.statistics import ALPHA, FEWEST_PAIRS
+from mmocap_warp.study.statistics import ALPHA, against_control
 from mmocap_warp.study.store import read_results
 from mmocap_warp.study.study_tables import (
     FEWEST_SEQUENCES,
@@ -35,6 +35,7 @@ from mmocap_warp.study.wording import DASH, counted, named, over, with_unit
 
 AGREES, MOSTLY, FAILS, DIFFERS, TIED = "agrees", "mostly agrees", "fails", "differs", "tied"
 UNTESTED, TOO_FEW = "not tested", "cannot be judged"
+_FEWEST_PAIRS = 6  # with fewer no signed-rank test is significant, however the differences fall
 _MIN_POINTS = 5  # smallest difference in lost limbs that is reported [percentage points]
 
 EVOLUTIONARY: tuple[str, ...] = ("h-cmaes", "cmaes", "h-pso", "pso", "h-de", "de")
@@ -126,9 +127,13 @@ class Rankings:
         """Those over sequences enough to speak of sequences in general, or for a difference to be significant."""
 
         def enough(ranking: Ranking) -> bool:
-            return ranking.decisive if significant else len(ranking.sequences) >= FEWEST_SEQUENCES
+            blocks, k = len(ranking.sequences), len(ranking.rows)
+            if blocks < FEWEST_SEQUENCES or not significant:
+                return blocks >= FEWEST_SEQUENCES
+            # Could Holm's procedure tell the worst in every block from the best in every one?
+            return against_control(np.linspace(1.0, k, k), blocks)[-1].rejected
 
-        fewest = FEWEST_PAIRS if significant else FEWEST_SEQUENCES
+        fewest = _FEWEST_PAIRS if significant else FEWEST_SEQUENCES
         return Rankings(
             [ranking for ranking in self.of_algorithms if enough(ranking)],
             {name: ranking for name, ranking in self.of_models.items() if enough(ranking)},

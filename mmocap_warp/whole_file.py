@@ -77,11 +77,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def content_hash(file: Path) -> bytes:
-    """SHA-256 of a file's bytes.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """SHA-256 of a file's bytes; an InputError if it cannot be read."""
     try:
         _regular_size(file)
         with file.open("rb") as stream:

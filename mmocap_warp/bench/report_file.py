@@ -172,11 +172,7 @@ def write_report(path: Path, report: dict[str, Any]) -> None:
 
 
 def read_report(path: Path) -> dict[str, Any]:
-    """Read a report.
-
-    Raises:
-        InputError: no such file, or not a report of this version.
-    """
+    """Read a report; an InputError if there is none, or of another version."""
     try:
         report = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

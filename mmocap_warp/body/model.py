@@ -207,11 +207,7 @@ class BodyMotion:
 
 
 def motion_named(name: str, motions: Mapping[str, BodyMotion], body_file: Path) -> BodyMotion:
-    """One of the motions that came with the body of a file.
-
-    Raises:
-        InputError: none has that name.
-    """
+    """One of the motions that came with the body of a file; an InputError if none has that name."""
     if name not in motions:
         known = f"name one of {', '.join(motions)}" if motions else "it came without any: give a file instead"
         raise InputError(body_file, f"has no motion '{name}'", known)

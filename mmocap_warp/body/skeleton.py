@@ -189,11 +189,7 @@ class Skeleton:
         )
 
     def index(self, joint: str) -> int:
-        """Number of a joint.
-
-        Raises:
-            ValueError: the skeleton has none of that name.
-        """
+        """Number of a joint; a ValueError if none has that name."""
         if joint not in self.joints:
             raise ValueError(f"joint must be one of {list(self.joints)}, got {joint!r}")
         return self.joints.index(joint)

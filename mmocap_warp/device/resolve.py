@@ -27,11 +27,7 @@ def start_quietly() -> None:
 
 
 def resolve_device(name: str) -> str:
-    """``auto`` is the first CUDA device, or the CPU where there is none.
-
-    Raises:
-        ValueError: no such device here.
-    """
+    """``auto`` is the first CUDA device, or the CPU without one; a ValueError if there is no such device here."""
     if name == "auto":
         return "cuda:0" if wp.is_cuda_available() else "cpu"
     known = [device.alias for device in wp.get_devices()]

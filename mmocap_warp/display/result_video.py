@@ -223,11 +223,7 @@ def _rig_around(subject: Subject) -> CameraRig:
 
 
 def check_same_recording(result: Result, scene: Scene) -> None:
-    """Check that a result is drawn over its own recording.
-
-    Raises:
-        InputError: the scene has other cameras, or fewer frames.
-    """
+    """Raise InputError for a scene that is not a result's: it has other cameras, or fewer frames."""
     mine, theirs, last = result.cameras.names, scene.calibrated.names, int(result.frame_numbers[-1])
     if mine != theirs:
         problem = f"has the cameras {', '.join(theirs)}, the result {', '.join(mine)}"

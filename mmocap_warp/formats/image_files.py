@@ -35,11 +35,7 @@ def write_png(path: str | Path, image: np.ndarray) -> None:
 
 
 def encode_png(image: np.ndarray) -> bytes:
-    """What :func:`write_png` writes.
-
-    Raises:
-        ValueError: an image that PNG cannot hold.
-    """
+    """What :func:`write_png` writes; a ValueError for an image that PNG cannot hold."""
     if image.dtype == bool:
         good, data = cv2.imencode(".png", image.astype(np.uint8) * 255, _MASK_SETTINGS)
     else:

@@ -17,22 +17,14 @@ _SAME_TIME = 1e-6
 
 
 def of_run(result: Result, run: int) -> Result:
-    """A result of one of the runs.
-
-    Raises:
-        ValueError: no such run.
-    """
+    """A result of one of the runs; a ValueError if there is no such run."""
     if not 0 <= run < len(result.pose):
         raise ValueError(f"run must be in 0 to {len(result.pose) - 1}, got {run}")
     return replace(result, **{name: array[run : run + 1] for name, array in result.arrays.items()})
 
 
 def before_smoothing(result: Result) -> Result:
-    """The track before it was smoothed, without what is known of the smoothed track alone.
-
-    Raises:
-        ValueError: it was not smoothed.
-    """
+    """The track before it was smoothed, without what is known of the smoothed alone; a ValueError if it was not."""
     if result.raw_pose is None:
         raise ValueError("the track was not smoothed, so it has no other")
     unknown: dict[str, Any] = dict.fromkeys(("raw_pose", "angle_sigma", "joint_sigma", "view_shift"))

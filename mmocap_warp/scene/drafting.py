@@ -149,11 +149,7 @@ def _sizes(media: list[Medium], found: CalibrationFile) -> dict[str, tuple[int, 
 
 
 def _one_take(folder: Path, files: list[Medium], names: tuple[str, ...]) -> Take:
-    """The one recording; of videos and the images that were taken out of them, the videos.
-
-    Raises:
-        InputError: there are several.
-    """
+    """The one recording, an InputError if there are several; of videos and images taken out of them, the videos."""
     candidates = search.takes(files, "recording", names)
     videos = {place: take for place, take in candidates.items() if not next(iter(take.values())).is_dir()}
     candidates = videos or candidates

@@ -62,11 +62,7 @@ class FrameChoice:
 
 
 def as_range(numbers: list[int]) -> range:
-    """Ascending frame numbers as a range.
-
-    Raises:
-        ValueError: none, or they are not evenly spaced.
-    """
+    """Ascending frame numbers as a range; a ValueError if there are none, or not evenly spaced."""
     step = numbers[1] - numbers[0] if len(numbers) > 1 else 1
     frames = range(numbers[0], numbers[0] + step * len(numbers), step)
     if list(frames) != numbers:

@@ -125,11 +125,7 @@ class Objective:
         self._split: _Split | None = None  # while coordinates are held
 
     def observe(self, observation: Observation) -> None:
-        """Judge against these masks from now on.
-
-        Raises:
-            ValueError: masks of another shape than the rig's.
-        """
+        """Judge against these masks from now on; a ValueError if they have another shape than the rig's."""
         self._split = None  # its counts are those of the last masks
         views = self._silhouettes.views
         if observation.words.shape != views.observed.shape:

@@ -66,11 +66,7 @@ def most_different_views(rig: CameraRig, count: int) -> tuple[int, ...]:
 
 
 def fewer_frames(clip: OpenClip, fps: float) -> OpenClip:
-    """Every second, third, ... frame, numbered anew.
-
-    Raises:
-        ValueError: a rate that is not the clip's divided by a whole number.
-    """
+    """Every second, third, ... frame, numbered anew; a ValueError if the rate does not divide the clip's."""
     step, truth = round(clip.fps / fps), clip.truth
     if step < 1 or abs(clip.fps - step * fps) > 1e-6 * clip.fps:
         raise ValueError(f"fps must divide the clip's {clip.fps:g}, got {fps:g}")
@@ -151,11 +147,7 @@ FORMS: tuple[str, ...] = tuple(f"{name}={amount}" if amount else name for name, 
 
 
 def parse(text: str) -> dict[str, float]:
-    """Amounts by the names in ``FORMS``; an amount may be ``all``, which is infinite.
-
-    Raises:
-        ValueError: not as in ``FORMS``.
-    """
+    """Amounts by the names in ``FORMS``, infinite for ``all``; a ValueError for what is not as in these."""
     if text == NONE:
         return {}
     amounts: dict[str, float] = {}

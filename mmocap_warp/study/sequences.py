@@ -67,21 +67,13 @@ class StudySequence:
         return len(self.recording)
 
     def observation(self, frame: int) -> Observation:
-        """The masks of a frame; the same in whatever order frames are asked for.
-
-        Raises:
-            ValueError: a frame that the sequence does not have.
-        """
+        """The masks of a frame, the same in whatever order frames are asked for; a ValueError for one beyond them."""
         if not 0 <= frame < self.frame_count:
             raise ValueError(f"frame must be in 0 to {self.frame_count - 1}, got {frame}")
         return self.recording.observation(frame)
 
     def first(self, count: int) -> StudySequence:
-        """The sequence cut after ``count`` frames, which stay as they are.
-
-        Raises:
-            ValueError: no frame, or more than there are.
-        """
+        """The sequence cut after ``count`` frames, which stay as they are; a ValueError if it has not so many."""
         if not 1 <= count <= self.frame_count:
             raise ValueError(f"{self.name} has 1 to {self.frame_count} frames to give, not {count}")
         return replace(self, truth=self.truth.at_frames(slice(count)), recording=self.recording.first(count))

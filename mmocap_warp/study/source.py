@@ -99,11 +99,7 @@ def recording_facts(scene: Scene) -> dict[str, Any]:
 
 
 def open_clip(clip: Clip) -> OpenClip:
-    """Open a clip.
-
-    Raises:
-        InputError: as :func:`clip_facts`, or files that turn out unreadable.
-    """
+    """Open a clip; an InputError as of :func:`clip_facts`, or for files that turn out unreadable."""
     from mmocap_warp.formats.usd.usd_body import read_subject
 
     if clip.scene is None:

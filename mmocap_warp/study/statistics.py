@@ -13,8 +13,6 @@ import numpy as np
 ALPHA = 0.05
 CONFIDENCE = 0.95
 RESAMPLES = 1000
-FEWEST_PAIRS = 6
-"""With fewer pairs no signed-rank test is significant, however the differences fall."""
 
 
 def ranks(scores: np.ndarray) -> np.ndarray:
@@ -98,12 +96,6 @@ def against_control(average_rank: np.ndarray, blocks: int) -> list[Comparison]:
         adjusted = max(adjusted, min(1.0, (place - 1) * p))
         rows.insert(1, Comparison(algorithm, float(average_rank[algorithm]), z, p, threshold, adjusted, still))
     return rows
-
-
-def could_reject(algorithms: int, blocks: int) -> bool:
-    """Whether Holm's procedure could tell any from the control: the worst in every block from the best in every one."""
-    furthest = against_control(np.linspace(1.0, algorithms, algorithms), blocks)[-1]
-    return furthest.rejected
 
 
 def signed_rank(pairs: np.ndarray) -> float:

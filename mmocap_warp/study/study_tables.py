@@ -40,12 +40,6 @@ class Ranking:
     absent: tuple[Contender, ...]  # they have tracked fewer than half as many sequences as others, and do not count
     seeds: int  # runs of each cell that count
 
-    @property
-    def decisive(self) -> bool:
-        """Whether there are sequences enough for a difference to be significant, however the ranks fall."""
-        blocks = len(self.sequences)
-        return blocks >= FEWEST_SEQUENCES and statistics.could_reject(len(self.rows), blocks)
-
     def row(self, algorithm: str, dof: int, evaluations: int) -> Row | None:
         """A contender's line."""
         wanted = Contender(algorithm, dof, evaluations)

@@ -230,11 +230,7 @@ def with_code_of(path: Path, identity: Identity) -> Identity:
 
 
 def read_checkpoint(path: Path, identity: Identity) -> bytes | None:
-    """The content of a run's checkpoint; None where there is no file.
-
-    Raises:
-        InputError: the file is no checkpoint, or another run's.
-    """
+    """The content of a run's checkpoint, None without a file; an InputError if it is none, or another run's."""
     content = _content(path)
     if content is not None and not content.startswith(_header(identity)):
         _refuse(path, identity, _identity_in(content))

@@ -32,11 +32,7 @@ class BlockBand:
         return BlockBand([block[frames:] for block in self.blocks if len(block) > frames])
 
     def solved(self, right: np.ndarray) -> np.ndarray:
-        """``x`` (frame, n) of ``matrix @ x = right`` (frame, n).
-
-        Raises:
-            numpy.linalg.LinAlgError: the matrix is not positive definite.
-        """
+        """``x`` (frame, n) of ``matrix @ x = right`` (frame, n); a LinAlgError if it is not positive definite."""
         own, next_one, next_two = self._factor()
         x = np.zeros((self.frames + 2, self.size))
         x[:-2] = right

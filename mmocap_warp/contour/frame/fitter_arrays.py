@@ -25,11 +25,7 @@ def contour_room(edges: int) -> int:
 
 
 def make_edges(face: np.ndarray, device: str) -> Any:
-    """Those of a mesh of faces (face, 3).
-
-    Raises:
-        ValueError: the mesh is open.
-    """
+    """Those of a mesh of faces (face, 3); a ValueError if it is open."""
     edge = mesh_edges(face)
     if (edge[:, 3] < 0).any():
         raise ValueError("the tracking mesh must be closed, this one has open edges")

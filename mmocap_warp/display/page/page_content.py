@@ -130,11 +130,7 @@ def tracks(result: Result) -> dict[str, np.ndarray]:
 
 
 def curves(result: Result, truth: Truth | None) -> list[Curve]:
-    """The curves that are known of a result.
-
-    Raises:
-        InputError: the truth is of another recording.
-    """
+    """The curves that are known of a result; an InputError if the truth is of another recording."""
     known = [] if truth is None else [_error(result, truth)]
     known.append(Curve("IoU, mean over views", "", {"final": nanmean(result.iou, axis=-1)}))
     if result.joint_sigma is not None:

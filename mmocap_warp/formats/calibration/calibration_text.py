@@ -30,11 +30,7 @@ def read_short_text(path: str | Path, kind: str, most: int = _MAX_BYTES) -> str:
 
 
 def stated_metres(units: str | None, source: object) -> float:
-    """Metres per unit of length of a file whose format has no unit of its own.
-
-    Raises:
-        InputError: the unit is not known.
-    """
+    """Metres per unit of length, where a format has no unit of its own; an InputError if it is not known."""
     if units is None:
         known = " or ".join(f'"{unit}"' for unit in METRES)
         remedy = f"say which: units = {known} under [cameras] of the scene, or --units"

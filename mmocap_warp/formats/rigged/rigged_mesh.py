@@ -53,11 +53,7 @@ class RiggedMesh:
 
 
 def parents_first(parent: list[int]) -> list[int]:
-    """An order of joints in which each comes after the one that it hangs on, else as they were.
-
-    Raises:
-        ValueError: joints form a loop.
-    """
+    """An order of joints, else as they were, in which each comes after its parent; a ValueError for a loop."""
     order: list[int] = []
     placed = [False] * len(parent)
     for joint in range(len(parent)):

@@ -255,11 +255,7 @@ _AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
 def body_from_file(up: str, facing: str) -> np.ndarray:
-    """(3, 3) rotation from a file's axes into a body's.
-
-    Raises:
-        ValueError: an axis that is none of ``_AXES``, or both along the same one.
-    """
+    """(3, 3) rotation from a file's axes into a body's; a ValueError for axes that cannot be."""
     for name, axis in (("up", up), ("facing", facing)):
         if axis not in _AXES:
             raise ValueError(f"{name} must be one of {', '.join(_AXES)}, got {axis!r}")

@@ -44,11 +44,7 @@ def with_named_joints(mesh: RiggedMesh) -> RiggedMesh:
 
 
 def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
-    """The mesh with some joints hung on others, by name.
-
-    Raises:
-        ValueError: a joint that does not exist, or a circle.
-    """
+    """The mesh with some joints hung on others, by name; a ValueError for one that there is not, or a circle."""
     number = {name: joint for joint, name in enumerate(mesh.joints)}
     parent = list(mesh.parent)
     for joint, above in parents.items():

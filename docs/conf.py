@@ -16,6 +16,7 @@ import mmocap_warp
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "instruments"))
 from bench_report import PAGE, report_page
+from study_figures import study_page
 
 project = "mmocap-warp"
 author = "The mmocap-warp contributors"
@@ -82,9 +83,16 @@ def _write_times(app: Sphinx) -> None:
     (folder / PAGE).write_text(report_page(reports), encoding="utf-8")
 
 
+def _fill_findings(_app: Sphinx, page: str, source: list[str]) -> None:
+    """The page on the study has its figures from the results beside it, whatever was written there last."""
+    if page == "study/README":
+        source[0] = study_page()
+
+
 def setup(app: Sphinx) -> None:
     """Register how formulas are drawn, where links lead, and what is made from data and registries."""
     app.connect("builder-inited", _write_times)
     app.add_html_math_renderer("drawn", (_draw, None), (_draw, None))
+    app.connect("source-read", _fill_findings)
     app.connect("source-read", _link_to_pages)
     app.connect("source-read", _list_registries)

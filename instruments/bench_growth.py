@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from bench_searches import same_frames
 
 from mmocap_warp.bench.evaluations import evaluations
 from mmocap_warp.bench.report_file import Report
-from mmocap_warp.bench.searches import same_frames
 from mmocap_warp.bench.workload import SIZE, Workload, workload
 from mmocap_warp.body.model import SkinMesh
 from mmocap_warp.display.chart import Axis, axes, curve, dots, picture, text

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
+from bench_searches import minimises_sphere
 
 from mmocap_warp.bench.report_file import ASK_AND_TELL, FUNCTION, OURS
-from mmocap_warp.bench.searches import minimises_sphere
 from mmocap_warp.kernels.benchmarks.timing import Case, Check
 from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig, CmaEsParameters

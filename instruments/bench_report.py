@@ -11,20 +11,22 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
+from bench_contours import contour_frames
 from bench_growth import AXES, growth, growth_lines, growth_plots
 from bench_optimizers import optimizer_peers
 from bench_peers import peers
+from bench_searches import ask_and_tell, frames, measure_generations, moving_parts, same_frames
 
 from mmocap_warp.bench.report_file import Report, heading, read_report, rendered, report_tables, to_text, write_report
-from mmocap_warp.bench.suite import SMALL_WORK_SECONDS, Plan, Steps, run_suite
+from mmocap_warp.bench.suite import Plan, Steps, run_suite
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.device.cores import available_threads
-from mmocap_warp.device.resolve import resolve_device
+from mmocap_warp.device.resolve import device_kind, resolve_device
 from mmocap_warp.kernels.benchmarks.timing import Case, measure
 from mmocap_warp.whole_file import write_whole
 
@@ -41,6 +43,10 @@ MODULES = {
 PAGE = "results.md"
 """The file of the page of times."""
 
+_RUNS = 30  # at once, beside one
+_BUDGET = {"cpu": 60, "cuda": 500}  # evaluations of these runs' frames
+_SMALL_WORK_SECONDS = 0.1  # for each of many small works
+
 
 def missing(names: Iterable[str]) -> list[str]:
     """Those of ``MODULES`` that are not installed."""
@@ -48,18 +54,25 @@ def missing(names: Iterable[str]) -> list[str]:
 
 
 def full_report(plan: Plan, against: Sequence[str], growing: bool, load: Workload | None = None) -> Report:
-    """What ``run_suite`` measures, the peers on the CPU, and how times grow."""
+    """What ``run_suite`` measures, optimizers, frames, the peers on the CPU, and how times grow."""
+    device, threads, runs = plan.device, plan.thread_numbers, (1, _RUNS)
 
-    def steps(groups: Iterable[list[Case]], device: str, seconds: float | None = None) -> Steps:
+    def steps(groups: Iterable[list[Case]], device: str = device, seconds: float | None = None) -> Steps:
         for cases in groups:
             yield measure(cases, device, seconds if plan.seconds is None else plan.seconds)
 
-    more = [
+    more: list[Callable[[Workload], Steps]] = [
+        lambda load: steps(moving_parts(load, device)),
+        lambda load: steps(ask_and_tell(load, runs, device), seconds=_SMALL_WORK_SECONDS),
+        lambda load: measure_generations(load, device, threads[0], plan.seconds),
+        lambda load: steps(frames(load, device, threads[-1])),
+        lambda load: steps(same_frames(load, runs, _BUDGET[device_kind(device)], device, threads[-1])),
+        lambda load: steps(contour_frames(load, runs, device)),
         lambda load: steps(peers(load, against), "cpu"),
-        lambda _: steps(optimizer_peers(against, (1, plan.runs)), "cpu"),
+        lambda _: steps(optimizer_peers(against, runs), "cpu"),
     ]
     if growing:
-        more.append(lambda load: steps(growth(load, plan.device), plan.device, SMALL_WORK_SECONDS))
+        more.append(lambda load: steps(growth(load, device), seconds=_SMALL_WORK_SECONDS))
     packages = {MODULES[name] for name in against}
     return run_suite(plan, partial(print, file=sys.stderr), load, more, packages)
 

@@ -1,6 +1,7 @@
 """The paper's findings, each checked on a study's own numbers: ``python instruments/paper_claims.py RESULTS...``.
 
-The folders are what ``mmocap study run`` wrote. What it prints is Markdown; docs/study/README.md draws on it.
+The folders are what ``mmocap study run`` wrote. What it prints is Markdown; docs/study/README.md draws on it, by
+``study_figures.py``.
 """
 
 from __future__ import annotations
@@ -69,13 +70,13 @@ def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
     rankings = [(each, Rankings.of(study, each)) for each in measures]
     few = TOO_FEW, f"Too few for that: {counted(len(study.sequences), 'sequence', in_words=True)}."
     findings = []
-    for each in _CLAIMS["rankings"]:
+    for each in CLAIMS["rankings"]:
         judge = partial(_JUDGES[each["judge"]], **each.get("with", {}))
         for by, every in rankings:
             verdict = judge(every.over_enough(significant=each.get("significant", False)))
             verdict = few if verdict[0] == UNTESTED != judge(every)[0] else verdict
             findings.append(Finding(each["claim"], each["where"], named(by), *verdict))
-    for each in _CLAIMS["errors"]:
+    for each in CLAIMS["errors"]:
         by = MEASURE_OF[each["by"]] if "by" in each else measure
         verdict = _JUDGES[each["judge"]](study, by, **each.get("with", {}))
         verdict = few if verdict[0] != UNTESTED and len(study.sequences) < FEWEST_SEQUENCES else verdict
@@ -281,7 +282,7 @@ def _quartile_range(cell: CellSummary, measure: Measure) -> float:
     return float(spread[3] - spread[1])
 
 
-_CLAIMS: dict[str, list[dict[str, Any]]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+CLAIMS: dict[str, list[dict[str, Any]]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 _JUDGES: dict[str, Callable[..., Verdict]] = {
     judge.__name__.removeprefix("_"): judge
     for judge in (

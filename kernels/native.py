@@ -15,11 +15,7 @@ _HEAD = re.compile(r"^// ==== (\w+)\n", re.MULTILINE)
 
 
 def native_sections(module_file: str) -> Callable[..., str]:
-    """What gives the sections of a module's native code: called with a name and the constants that the section names.
-
-    Args:
-        module_file: the module's ``__file__``.
-    """
+    """What gives the sections of native code beside a ``module_file``: called with a name and its constants."""
     _, *parts = _HEAD.split(Path(module_file).with_suffix(".cu").read_text(encoding="utf-8"))
     sections = dict(zip(parts[::2], parts[1::2], strict=True))
 

@@ -45,12 +45,7 @@ class UsageError(ValueError):
 def missing_package(path: object, package: str, purpose: str, extra: str, otherwise: str) -> InputError:
     """The error of a file that cannot be ``purpose`` ("read", "written") without a package that is not installed.
 
-    Args:
-        path: the file.
-        package: its name.
-        purpose: what is to become of the file.
-        extra: of this program's, which installs the package.
-        otherwise: what else the user can do.
+    This program's ``extra`` installs it; ``otherwise`` says what else the user can do.
     """
     remedy = f'pip install "mmocap-warp[{extra}]", or {otherwise}'
     return InputError(path, f"needs the package {package} to be {purpose}", remedy)

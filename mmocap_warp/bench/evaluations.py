@@ -1,4 +1,4 @@
-"""Each kernel of an evaluation alone; then the whole, from parameters to cost, for bodies and for what a part moves."""
+"""Each kernel of an evaluation alone; then the whole, from parameters to cost."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from mmocap_warp.masks.observation import make_views
 from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.silhouettes.silhouettes import Silhouettes
-from mmocap_warp.tracking.pose_search import Part, hierarchical
+from mmocap_warp.tracking.pose_search import hierarchical
 
-KERNELS, EVALUATION, MOVING = "kernels", "whole evaluation", "moving part"
+KERNELS, EVALUATION = "kernels", "whole evaluation"
 POSED_APART = 1e-5
 """How far a vertex may be from where other kernels put it [m]."""
 COST_APART = 1e-6
@@ -31,7 +31,6 @@ _LEFT_ARM = 2  # of the six parts
 PIXELS_APART = 1e-4
 """Share of the pixels that a GPU may count differently from a CPU."""
 
-_PART_CANDIDATES = 9  # of CMA-ES in 6 dimensions
 _COMPARED = 64  # candidates with the CPU: one thread takes its time
 
 
@@ -81,7 +80,7 @@ def _silhouettes(load: Workload, candidates: int, renderer: str, device: str) ->
     return silhouettes
 
 
-def _all_alike(one: np.ndarray, *others: np.ndarray, words: str) -> Check:
+def all_alike(one: np.ndarray, *others: np.ndarray, words: str) -> Check:
     """Whether counts (candidate, camera, 2) are the same."""
     apart = sum(int((one != other).any(axis=-1).sum()) for other in others)
     return Check(f"{apart} of {one.shape[0] * one.shape[1]} counts differ {words}", apart == 0)
@@ -91,7 +90,7 @@ def _same_counts(drawn: dict[str, tuple[partial, wp.array]]) -> Check:
     for work, count in drawn.values():
         count.zero_()
         work()
-    return _all_alike(*(count.numpy() for _work, count in drawn.values()), words="between renderers")
+    return all_alike(*(count.numpy() for _work, count in drawn.values()), words="between renderers")
 
 
 def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
@@ -110,7 +109,7 @@ def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
         whole = count.numpy().copy()
         freeze()
         silhouettes.draw(posed, moving, batch, frozen)
-        return _all_alike(whole, count.numpy(), words="from the whole body's")
+        return all_alike(whole, count.numpy(), words="from the whole body's")
 
     return [Case(KERNELS, "freeze", {"runs": 1, "moving": part.name} | load.sizes, freeze, check)]
 
@@ -171,39 +170,3 @@ def _counts(load: Workload, candidates: int) -> np.ndarray:
     objective = load.objective(candidates, "raster", "cpu")
     objective.evaluate(candidates)
     return objective.count.numpy().astype(int)
-
-
-def moving_parts(load: Workload, device: str) -> Iterator[list[Case]]:
-    """What each part of the hierarchy moves, by both renderers, and drawing what rests."""
-    for part in hierarchical(load.body.skeleton):
-        yield [case for renderer in RENDERERS for case in _moving(load, part, renderer, device)]
-
-
-def _moving(load: Workload, part: Part, renderer: str, device: str) -> list[Case]:
-    candidates = _PART_CANDIDATES
-    objective = load.objective(candidates, renderer, device)
-    poses = np.repeat(load.poses(1), candidates, axis=0)
-    poses[:, part.index] = load.poses(candidates)[:, part.index]
-    base = wp.array(poses[:1], dtype=wp.float32, device=device)
-
-    def hold_poses() -> None:
-        objective.hold(base, part.index)
-        objective.pose.assign(poses)
-
-    def check() -> Check:
-        hold_poses()
-        objective.evaluate(candidates)
-        moved = objective.count.numpy().copy()
-        objective.release()
-        objective.evaluate(candidates)
-        same = _all_alike(moved, objective.count.numpy(), words="from the whole body's")
-        hold_poses()
-        return same
-
-    hold_poses()
-    sizes = {"renderer": renderer, "candidates": candidates} | load.sizes_on(device, 1)
-    evaluate = Case(MOVING, part.name, sizes, partial(objective.evaluate, candidates), check, candidates)
-    if renderer != RENDERERS[-1] or load.body.skeleton.moved_by(part.index).all():
-        return [evaluate]
-    held = load.objective(candidates, renderer, device)  # one of its own: holding overwrites poses
-    return [evaluate, Case(MOVING, f"{part.name}: hold", sizes, partial(held.hold, base, part.index), check)]

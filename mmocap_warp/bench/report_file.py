@@ -12,12 +12,12 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from mmocap_warp.bench.evaluations import EVALUATION
-from mmocap_warp.bench.searches import FRAME
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import write_whole
 
 PEERS, ASK_AND_TELL, FUNCTION = "peers", "ask and tell beside peers", "a function beside peers"
-"""Groups of other programs beside ours, which ``instruments/bench_report.py`` measures; always on the CPU."""
+FRAME = "a frame"
+"""Groups that ``instruments/bench_report.py`` measures; other programs beside ours always on the CPU."""
 OURS = "mmocap-warp"
 _WIDTH = 200  # columns of the terminal: more than any table needs, also where times spread on a busy machine
 _COLOURS = {"✓": "green", "✗": "bold red"}

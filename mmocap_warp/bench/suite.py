@@ -14,19 +14,15 @@ from typing import Any
 
 import warp as wp
 
-from mmocap_warp.bench.contours import contour_frames
 from mmocap_warp.bench.end_to_end import Walk, end_to_end
-from mmocap_warp.bench.evaluations import evaluations, moving_parts, stages
+from mmocap_warp.bench.evaluations import evaluations, stages
 from mmocap_warp.bench.report_file import FORMAT
-from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
 from mmocap_warp.bench.workload import Workload, workload
-from mmocap_warp.kernels.benchmarks.timing import Case, Measurement, measure
+from mmocap_warp.kernels.benchmarks.timing import Measurement, measure
 from mmocap_warp.versions import package_versions, versions
 
 Steps = Iterator[list[Measurement]]
 """Measurements of one group after the other."""
-SMALL_WORK_SECONDS = 0.1
-"""For each of many small works."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +33,6 @@ class Plan:
     threads: int  # of the CPU, beside one
     batches: tuple[int, ...]  # candidates of the whole evaluation
     kernel_candidates: tuple[int, ...]  # candidates of each kernel alone
-    runs: int = 30  # at once, beside one
-    budget: int = 500  # evaluations of these runs' frames
     seconds: float | None = None  # to spend on each work, about; what suits it where None
 
     @property
@@ -50,7 +44,7 @@ class Plan:
     def usual(cls, device: str, threads: int) -> Plan:
         """What takes a CPU less than a minute, and a GPU too."""
         if device == "cpu":
-            return cls(device, threads, batches=(14,), kernel_candidates=(14,), budget=60)
+            return cls(device, threads, batches=(14,), kernel_candidates=(14,))
         return cls(device, threads, batches=(9, 14, 256, 2048, 4096), kernel_candidates=(14, 2048))
 
 
@@ -63,12 +57,9 @@ def run_suite(
 ) -> dict[str, Any]:
     """Measure; raises nothing where an answer is wrong, but says so.
 
-    Args:
-        plan: what is measured.
-        report_step: called with each step's name.
-        load: what is evaluated, or the walk from files to result; the measure where it is omitted.
-        more: further steps, of the load.
-        packages: whose versions the report has besides those that the program needs.
+    What is measured is the load: the measure where it is omitted, or the walk from files to result. ``more`` are
+    further steps, of the load, and ``packages`` those whose versions the report has besides those that the program
+    needs.
     """
     started, clock, load_before = datetime.now(UTC), time.perf_counter(), _machine_load()
     compiled, load = _compiled_kernels(), load or workload()
@@ -102,21 +93,9 @@ def _whole(plan: Plan, walk: Walk) -> Steps:
 
 
 def _steps(plan: Plan, load: Workload) -> Steps:
-    device, threads = plan.device, plan.thread_numbers
-
-    def measured(groups: Iterable[list[Case]], device: str = device, seconds: float | None = None) -> Iterator:
-        for cases in groups:
-            yield measure(cases, device, seconds if plan.seconds is None else plan.seconds)
-
-    for candidates in plan.kernel_candidates:
-        yield from measured(stages(load, candidates, device))
-    yield from measured(evaluations(load, plan.batches, threads, device))
-    yield from measured(moving_parts(load, device))
-    yield from measured(ask_and_tell(load, (1, plan.runs), device), seconds=SMALL_WORK_SECONDS)
-    yield from measure_generations(load, device, threads[0], plan.seconds)
-    yield from measured(frames(load, device, threads[-1]))
-    yield from measured(same_frames(load, (1, plan.runs), plan.budget, device, threads[-1]))
-    yield from measured(contour_frames(load, (1, plan.runs), device))
+    kernels = chain.from_iterable(stages(load, candidates, plan.device) for candidates in plan.kernel_candidates)
+    for cases in chain(kernels, evaluations(load, plan.batches, plan.thread_numbers, plan.device)):
+        yield measure(cases, plan.device, plan.seconds)
 
 
 def _compiled_kernels() -> set[str]:

@@ -115,14 +115,10 @@ def measure(
     sex: Sex | None = None,
     joint_set: JointSet | None = None,
 ) -> Measures:
-    """Joint angles, contacts, steps and centre of mass of every frame.
+    """Joint angles, contacts, steps and centre of mass of every frame, of all runs unless one is named.
 
-    Args:
-        result: what was tracked.
-        run: which run; None for all.
-        raw: the track before it was smoothed.
-        sex: whose shares of mass the segments have; None for the mean of both.
-        joint_set: whose centres the table of joints, the lengths and the angles go by; None for the body's own joints.
+    ``sex`` says whose shares of mass the segments have, None the mean of both; ``joint_set`` whose centres the table of
+    joints, the lengths and the angles go by, None the body's own joints.
 
     Raises:
         ValueError: no such run, or no track before it was smoothed.

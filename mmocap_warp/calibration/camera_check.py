@@ -123,11 +123,7 @@ def check(
 ) -> CameraCheck:
     """Say which camera of a scene disagrees with the others.
 
-    Args:
-        scene: the recording.
-        body: the generic body that the person's is expected to be near to.
-        config: settings.
-        progress: called after every stage.
+    The body is the generic one that the person's is expected to be near to; ``progress`` is called after every stage.
 
     Raises:
         InputError: masks that show nobody, too few frames in which the person could be tracked.
@@ -232,11 +228,7 @@ def _compare_views(
 def gross_mistake(rig: CameraRig, seen: np.ndarray, fps: float) -> Mistake | None:
     """A mistake that puts one camera, or two that have each other's masks, out of all agreement.
 
-    Args:
-        rig: the cameras.
-        seen: (frame, camera, point, 2), see
-            :func:`~mmocap_warp.calibration.adjust.silhouette_agreement.landmarks`.
-        fps: of the frames.
+    ``seen`` is (frame, camera, point, 2), see :func:`~mmocap_warp.calibration.adjust.silhouette_agreement.landmarks`.
     """
     cameras = range(len(rig))
     miss = _landmark_miss(rig, seen, fps)
@@ -311,12 +303,8 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
 
     Around the adjusted cameras the contours' cost is quadratic, and so is what any change alone would gain: half the
     squared Mahalanobis distance of its parameters. Changes are chosen one after the other, each beside those before it,
-    and each camera is named once. That a camera was both turned and moved counts where neither alone does as much.
-    A distortion that was ignored in all cameras looks like many other errors, so it comes first and alone.
-
-    Args:
-        rig: the cameras.
-        solution: all of them adjusted.
+    and each camera is named once. That a camera was both turned and moved counts where neither alone does as much. A
+    distortion that was ignored in all cameras looks like many other errors, so it comes first and alone.
     """
     value, information = solution.change[solution.free], np.linalg.inv(solution.covariance)
     gradient = information @ value  # of the cost where the cameras were

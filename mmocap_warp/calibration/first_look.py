@@ -53,13 +53,10 @@ class FirstLook:
 def look(
     scene: Scene, body: BodyModel | None, *, start: Subject | None = None, to_be_mended: bool = False
 ) -> FirstLook:
-    """Look at a few frames of a scene.
+    """Look at a few frames of a scene, which has a calibration.
 
-    Args:
-        scene: the recording, with a calibration.
-        body: who is to be tracked, for the size; None where the size does not count.
-        start: the subject, where it is known; masks with ``keep = "nearest"`` are those near its first pose.
-        to_be_mended: cameras and times may be somewhat wrong, because they are about to be put right.
+    ``body`` is who is to be tracked, for the size; None where the size does not count. Masks with ``keep = "nearest"``
+    are those near the first pose of ``start``. Cameras and times ``to_be_mended`` may be somewhat wrong.
 
     Raises:
         InputError: images that cannot be read.

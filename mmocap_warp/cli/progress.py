@@ -27,13 +27,7 @@ NO_TIME = 1e-3  # a step reported so soon after the one before was not worked on
 
 
 class _Display(ABC):
-    """What is shown of something that runs, while a context is open.
-
-    Args:
-        name: of what runs, such as ``track``.
-        quiet: show no progress.
-        stream: where to show it; stderr by default.
-    """
+    """What is shown, on stderr, of something that runs, such as ``track``, while a context is open."""
 
     _live: RichProgress | Live | None = None
 

@@ -359,6 +359,6 @@ def _page(title: str, done: list[dict[str, Any]], failures: dict[str, str]) -> s
         cells = [format(each[key], form) if key in each else "" for key, form in _COLUMNS.items()]
         cells = [name, picture, *cells, f"{each['seconds']:.0f} s", escape("; ".join(each["notes"]))]
         rows.append(f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
-    lead = f"{len(done)} recordings are done, {len(failures)} are not. Written by mmocap-warp {__version__}."
+    lead = f"{len(done)} of {len(done) + len(failures)} recordings are done. Written by mmocap-warp {__version__}."
     template, style, script = (resource("mmocap_warp.display.page", f"batch.{kind}") for kind in ("html", "css", "js"))
     return filled(template, title=title, script=script, style=style, lead=lead, rows="\n".join(rows))

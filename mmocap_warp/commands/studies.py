@@ -215,7 +215,7 @@ def benchmark(
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> dict[str, Any]:
-    """Measure each kernel, the whole evaluation, the optimizers and frames, and check every answer.
+    """Measure each kernel and the whole evaluation, or a recording end to end, and check every answer.
 
     Args:
         output: write the report, .json.

@@ -16,10 +16,7 @@ from mmocap_warp.kernels.block import Batch, batch_of
 class SharedWork:
     """Runs a piece of work on all candidates, a batch in each thread; on a GPU it is one batch.
 
-    Args:
-        device: a Warp device.
-        threads: CPU threads; ignored on a GPU.
-        smallest: candidates of a batch; for fewer, starting a thread costs more than it saves.
+    No batch has less than ``smallest`` candidates: starting a thread would cost more than it saves.
     """
 
     def __init__(self, device: str, threads: int, smallest: int = 1) -> None:

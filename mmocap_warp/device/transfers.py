@@ -10,11 +10,7 @@ import warp as wp
 
 
 class Upload:
-    """The host's side of an array that it writes again and again; on the CPU the array itself.
-
-    Args:
-        array: contiguous.
-    """
+    """The host's side of a contiguous array that it writes again and again; on the CPU the array itself."""
 
     def __init__(self, array: Any) -> None:
         self._array = array
@@ -46,11 +42,7 @@ class Upload:
 
 
 class Download:
-    """The host's side of arrays that are read together, with one wait for all.
-
-    Args:
-        arrays: contiguous, on one device.
-    """
+    """The host's side of a device's contiguous arrays that are read together, with one wait for all."""
 
     def __init__(self, arrays: Sequence[Any]) -> None:
         self._arrays = arrays
@@ -76,9 +68,6 @@ class Replays:
 
     The first time it is not captured, because it may load kernels and make arrays. Within a capture, and on the CPU, it
     is simply done.
-
-    Args:
-        device: a Warp device.
     """
 
     def __init__(self, device: str) -> None:

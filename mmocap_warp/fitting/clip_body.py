@@ -71,14 +71,8 @@ def solve_body_in_clip(
 ) -> tuple[Subject, float]:
     """Follow a subject through a clip and solve its body from some of the frames.
 
-    Args:
-        subject: with the pose of the first frame.
-        generic: the body that is expected before anything is seen.
-        rig: undistorted cameras at the masks' size.
-        clip: consecutive frames, such as those of :func:`frames_to_follow`.
-        fps: of these frames.
-        frames: that the body is solved from, at most.
-        config: of the tracker.
+    The subject has the pose of the first frame, and its body is expected to be the generic one. The clip's frames, such
+    as those of :func:`frames_to_follow`, are ``fps`` a second; the body is solved from so many ``frames``, at most.
 
     Returns:
         The solved body in the first frame's pose, and what contours cost in a frame; more, the sooner a frame was lost.
@@ -94,16 +88,9 @@ def solve_body_in_clip(
 def follow(
     subject: Subject, rig: CameraRig, observations: Iterable[Observation], fps: float, config: TrackConfig
 ) -> Followed:
-    """Follow a subject through frames until it is lost, and back again.
+    """Follow a subject in its first pose through consecutive frames until one is lost, and back again.
 
     A limb that the first frame did not show is found when it moves; on the way back it is known where it comes from.
-
-    Args:
-        subject: with the pose of the first frame.
-        rig: undistorted cameras at the masks' size.
-        observations: consecutive frames; the first one that is lost ends it.
-        fps: of these frames.
-        config: of the tracker.
     """
     # Forwards, until the subject is lost.
     observed: list[Observation] = []
@@ -135,13 +122,7 @@ def solve_body(
 ) -> tuple[Subject, float]:
     """The subject's body and the poses of frames as one problem; of a body on a base, where that stands too.
 
-    Args:
-        subject: where the body starts, with the first frame's root base.
-        generic: the body that is expected before anything is seen.
-        rig: undistorted cameras at the masks' size.
-        followed: frames and poses to start with; the first is the subject's.
-        device: a Warp device.
-        threads: CPU threads.
+    The body starts as the subject's and is expected to be the generic one. The first of the frames is the subject's.
 
     Returns:
         The solved body in the first frame's pose, and what contours cost in a frame.

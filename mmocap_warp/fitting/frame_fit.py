@@ -54,14 +54,10 @@ class Guess:
 
 
 class FrameFit:
-    """Improves guesses at a frame.
+    """Improves guesses at a frame, by bodies of a space around the generic one.
 
     A limb that hides in the trunk has no outline there, and so no error that contours could show. But it leaves a part
     of the masks unexplained. So limbs are drawn at random within their limits and judged by areas.
-
-    Args:
-        space: bodies around the generic one.
-        frame: what is seen.
     """
 
     def __init__(self, space: RestSpace, frame: FirstFrame) -> None:

@@ -23,10 +23,7 @@ _COMPARED = 40  # best candidates that are compared for each start that is wante
 def usual_poses(skeleton: Skeleton, any_pose: bool, seed: int) -> np.ndarray:
     """Poses (pose, coordinate) to start from: the zero pose, as near as limits let it be.
 
-    Args:
-        skeleton: the joints.
-        any_pose: whether joints may be anywhere within their limits, as a robot's: then draws follow.
-        seed: of the draws.
+    Where joints may be anywhere within their limits (``any_pose``), as a robot's, draws follow.
     """
     low, high = np.clip(skeleton.coordinate_limits, -np.pi, np.pi).T
     poses = np.tile(np.clip(0.0, low, high), (1 + _DRAWS if any_pose else 1, 1))
@@ -40,15 +37,9 @@ def screened_starts(
 ) -> np.ndarray:
     """The best starts (start, coordinate) of a space, each somewhere else, the best first.
 
-    Poses are turned about in the middle of what the masks agree on: a body that stands to all headings, its lowest
-    point on the hull's; any other all ways. Unless it is rigid, its size makes silhouettes as large as the masks.
-
-    Args:
-        space: the coordinates.
-        frame: what is seen.
-        hull: (point, 3) the visual hull [m].
-        poses: (pose, coordinate) to be turned about.
-        count: of starts, at most.
+    Poses (pose, coordinate) are turned about in the middle of the masks' hull (point, 3) [m]: a body that stands to all
+    headings, its lowest point on the hull's; any other all ways. Unless it is rigid, its size makes silhouettes as
+    large as the masks.
     """
     observation, objective = frame.observation, frame.objective(space.body, np.eye(3), _AT_ONCE, shapes=space)
     scale = np.ones(len(poses) * (_HEADINGS if space.body.skeleton.stands else _ROTATIONS))

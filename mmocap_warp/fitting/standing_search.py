@@ -101,19 +101,10 @@ def search_headings(
 def search_starts(
     space: ShapeSpace, frame: FirstFrame, starts: np.ndarray, evaluations: int, *, near_rest: bool = True
 ) -> np.ndarray:
-    """Fit starts, each on its own: pose, shape and scale at once, with CMA-ES.
+    """Fit starts (start, coordinate), each on its own: pose, shape and scale at once, with CMA-ES; float32.
 
-    A prior on the pose holds elbows and knees the right way round.
-
-    Args:
-        space: the coordinates.
-        frame: what is seen.
-        starts: (start, coordinate).
-        evaluations: spent on each.
-        near_rest: whether the prior on the pose is on; without, joints may be anywhere.
-
-    Returns:
-        Coordinates (start, coordinate) float32.
+    Each may spend so many evaluations. A prior on the pose holds elbows and knees the right way round if they are to be
+    ``near_rest``; else joints may be anywhere.
     """
     skeleton, count = space.body.skeleton, len(starts)
     searched = np.concatenate([skeleton.searched(), space.shape_index])

@@ -118,15 +118,8 @@ def fit_clip(
 ) -> Subject:
     """Fit a body to consecutive frames: the first finds the pose, all of them the shape.
 
-    Args:
-        body: the generic body that the subject's is expected to be near to.
-        rig: undistorted cameras at the masks' size.
-        fps: of these frames.
-        observations: their masks, such as those of :func:`mmocap_warp.fitting.clip_body.frames_to_follow`; of more
-            than one frame all are in memory.
-        config: settings; its scale is not used.
-        progress: called after every stage.
-        start_poses: see :func:`fit`.
+    See :func:`fit`. The cameras are undistorted, at the masks' size. Of more than one frame, such as those of
+    :func:`mmocap_warp.fitting.clip_body.frames_to_follow`, all are in memory. The scale of ``config`` is not used.
 
     Raises:
         NoSubjectError: the first frame's masks do not show one subject in at least two views.

@@ -188,11 +188,8 @@ class Table:
 def setting(default: Any, meaning: str, otherwise: str = "", *, flag: bool = True) -> Any:
     """A field of a configuration: its default, and the one statement of what it means, for help and documents.
 
-    Args:
-        default: its value unless another one is given.
-        meaning: sentences.
-        otherwise: the default in words, where the value does not tell it.
-        flag: whether the command line has a flag of its name.
+    ``otherwise`` is the default in words, where the value does not tell it. The command line has a ``flag`` of its
+    name.
     """
     return field(default=default, metadata={"meaning": meaning, "otherwise": otherwise, "flag": flag})
 

@@ -99,13 +99,9 @@ def run_jobs(
     A job whose worker dies is tried again, three times in all; if that fails too, or a worker refuses the job, this is
     noted and the rest goes on. Results that cannot be stored are kept, and tried again as long as the run lasts.
 
-    Args:
-        tasks: the jobs.
-        engine: starts the workers; called only if something is missing.
-        report: called at least twice a second.
-        note: called with a line that a person should read.
-        seconds: that the run may take. No job is begun that would take longer at the pace so far.
-        keep: what of a result is stored.
+    The engine is started only if something is missing; ``report`` is called at least twice a second, ``note`` with
+    lines for a person to read. If the run may take so many ``seconds``, no job is begun that would take longer at the
+    pace so far. Of a result is stored what ``keep`` returns.
     """
     missing = []
     for task in tasks:

@@ -121,13 +121,7 @@ class _Actor:
 
 
 class RayEngine(Engine):
-    """Workers on a Ray cluster that this process has joined.
-
-    Args:
-        make: makes the worker of an actor.
-        head: address of the cluster's head.
-        shares: how many workers, and what each gets.
-    """
+    """Workers on a Ray cluster that this process has joined: how many, and what each gets, say its ``shares``."""
 
     def __init__(self, make: MakeWorker, head: str, shares: Shares) -> None:
         import ray

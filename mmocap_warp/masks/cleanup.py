@@ -149,7 +149,7 @@ def _odd(length: float) -> int:
 def dilated(mask: np.ndarray, diameter: int) -> np.ndarray:
     """A mask (height, width) uint8 0/1 dilated by a disc of an odd number of pixels; the image's border grows nothing.
 
-    OpenCV looks at all pixels of the disc, here each of its rows goes on from a shorter one.
+    OpenCV looks at all pixels of the disc. Here each of its rows goes on from a shorter one.
     """
     disc, radius, (height, width) = _disc(diameter), diameter // 2, mask.shape
     padded = np.pad(mask, radius)

@@ -40,11 +40,9 @@ class MaskProgram:
     def make(self, frames: Path, masks: Path, size: tuple[int, int], progress: Callable[[int], None]) -> list[Path]:
         """Let it make the masks of one camera that are not there yet.
 
-        Args:
-            frames: a folder of images of one ``size``, width and height [px].
-            masks: the folder for their masks; what the program says goes into a file beside it.
-            size: of frames and masks.
-            progress: called with the number of masks that are there.
+        ``frames`` is a folder of images of one ``size``, width and height [px], and ``masks`` that for their masks;
+        what the program says goes into a file beside it. ``progress`` is called with the number of masks that are
+        there.
 
         Returns:
             A mask for each frame, in their order.

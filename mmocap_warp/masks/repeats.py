@@ -65,13 +65,10 @@ def _mean(share: np.ndarray) -> np.ndarray:
 
 
 def _credible(share: np.ndarray, same: np.ndarray, others: np.ndarray | None = None) -> np.ndarray:
-    """(frame,) bool: those frames that are the ``same`` as before because an image was repeated.
+    """(frame,) bool: those frames that are the ``same`` (likewise) as before because an image was repeated.
 
-    Args:
-        share: (frame,) change as a share of the level.
-        same: (frame,) bool.
-        others: (frame,) the same share of the other views, which must move meanwhile; None for all views at once. One
-            view may be frozen to the clip's end.
+    ``share`` (frame,) is the change as a share of the level, ``others`` that of the other views, which must move
+    meanwhile; None for all views at once. One view may be frozen to the clip's end.
     """
     same[0] = False
     edges = np.flatnonzero(np.diff(same.astype(int), prepend=0, append=0))

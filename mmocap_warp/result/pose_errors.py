@@ -151,10 +151,7 @@ _SHAKE_RATE = 60.0
 def second_differences(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarray:
     """Lengths of the second differences of the joints' paths, as at 60 Hz: (run, three frames in a row, joint) [m].
 
-    Args:
-        joints: (run, frame, joint, 3) [m].
-        frame_numbers: (frame,); where frames are missing between two, no difference reaches across.
-        fps: frames per second of the numbering.
+    Where frames are missing between two of the ``frame_numbers``, no difference reaches across.
     """
     step = np.diff(frame_numbers)
     consecutive = (step[1:] == step.min()) & (step[:-1] == step.min()) if len(step) > 1 else np.zeros(0, bool)

@@ -40,14 +40,7 @@ def masks_by_program(
     """The scene with masks that a program makes of its undistorted images; see ``masks/mask_program.py``.
 
     Each video is decoded once, while the program works on the camera before. ``progress`` is called with the masks that
-    are there, and how many there will be.
-
-    Args:
-        scene: its cameras have videos.
-        folder: for frames and masks; one that holds others, of another scene or program, is refused.
-        program: the program.
-        scale: of images and masks relative to the calibrated images.
-        progress: see above.
+    are there, and how many there will be. A folder that holds frames and masks of another scene or program is refused.
 
     Raises:
         InputError: videos that cannot be read, a program that fails, a folder that cannot be written.
@@ -79,11 +72,7 @@ def masks_by_program(
 def with_people(scene: Scene, folder: Path, scale: float, note: Callable[[str], None]) -> Scene:
     """The scene of whom its label images show most, and of everybody else; as it is where no image has two labels.
 
-    Args:
-        scene: its masks are made, at ``scale``.
-        folder: for images in which a person has the same label in all views and frames.
-        scale: of the masks.
-        note: called with who was found.
+    The folder is for images in which a person has the same label in all views and frames; ``note`` hears who was found.
     """
     given = [source.masks for source in scene.cameras if source.masks]
     if not any(isinstance(image, Labels) and len(image.identities) > 1 for masks in given for image in masks.read()):

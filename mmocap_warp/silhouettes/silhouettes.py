@@ -50,17 +50,7 @@ def outline(piece: MeshPiece, device: str) -> Any:
 
 
 def make_renderer(name: str, rest: np.ndarray, face: np.ndarray, device: str) -> Renderer:
-    """The renderer of that name for a device.
-
-    Args:
-        name: one of ``RENDERERS``.
-        rest: (vertex, 3) rest pose.
-        face: (face, 3) all triangles.
-        device: a Warp device.
-
-    Raises:
-        ValueError: no such renderer.
-    """
+    """The renderer of that name in ``RENDERERS``, or a ValueError; for faces (face, 3) and a rest pose (vertex, 3)."""
     if name not in RENDERERS:
         raise ValueError(f"renderer must be one of {list(RENDERERS)}, got {name!r}")
     if name == "raster":
@@ -118,14 +108,8 @@ def build_bvh(vertices: np.ndarray, faces: np.ndarray, leaf_size: int = 4) -> tu
 class Silhouettes:
     """Draws posed candidates in every camera and counts them against the masks in ``views``.
 
-    ``canvas.count`` (candidate, camera) holds (|M|, |M and F|) after :meth:`draw`. ``modules`` have the kernels.
-
-    Args:
-        mesh: the tracking mesh.
-        rig: undistorted cameras, at the masks' size.
-        candidates: the most candidates at a time.
-        renderer: a name in ``RENDERERS``.
-        device: a Warp device.
+    ``canvas.count`` (candidate, camera) holds (|M|, |M and F|) after :meth:`draw`. ``modules`` have the kernels. The
+    cameras are undistorted, at the masks' size.
     """
 
     def __init__(self, mesh: SkinMesh, rig: CameraRig, candidates: int, renderer: str, device: str) -> None:

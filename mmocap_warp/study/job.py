@@ -43,12 +43,7 @@ class Job:
 
 
 class Worker:
-    """Tracks one job after the other on one device; keeps the masks of the clip it tracked last.
-
-    Args:
-        device: a Warp device.
-        threads: CPU threads; None for all that this process may use.
-    """
+    """Tracks one job after the other on one device; keeps the masks of the clip it tracked last."""
 
     def __init__(self, device: str, threads: int | None = None) -> None:
         self.device, self.threads = resolve_device(device), threads

@@ -90,10 +90,7 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
 def jerk(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarray:
     """Mean length of the joints' third derivative: (run,) [m/s³], NaN with fewer than four frames in a row.
 
-    Args:
-        joints: (run, frame, joint, 3) [m].
-        frame_numbers: (frame,); where frames are missing between two, no derivative reaches across.
-        fps: frames per second of the numbering.
+    Where frames are missing between two of the ``frame_numbers``, no derivative reaches across.
     """
     step = np.diff(frame_numbers)
     if len(step) < 3:

@@ -21,9 +21,7 @@ class Html(str):
 def fill(piece: str, **values: object) -> Html:
     """A piece of ``report_parts.html`` with its placeholders filled.
 
-    Args:
-        piece: the name in the comment above it.
-        values: by placeholder. Text and numbers are escaped, ``Html`` is not; a list is of markup, and is joined.
+    Text and numbers are escaped, ``Html`` is not; a list is of markup, and is joined.
     """
     joined = {name: Html("".join(value)) if isinstance(value, list) else value for name, value in values.items()}
     markup = {name: value if isinstance(value, Html) else escape(str(value)) for name, value in joined.items()}

@@ -58,7 +58,7 @@ def headline(study: StudySummary) -> tuple[str, Html]:
             beside = f"; in the paper it has {theirs:.2f}" if theirs is not None else ""
             text = f"average rank of {first.contender}, the best at the least budget{beside}"
             cards.append((f"{first.comparison.rank:.2f}", text))
-    rate, hours, device = _pace(study)
+    rate, hours, device = pace_of(study)
     if np.isfinite(rate):
         theirs, (cpus, weeks) = paper.EVALUATIONS[0] / paper.SECONDS_PER_500, paper.CPU_WEEKS
         text = f"evaluations, images included, on {device}; the paper’s CPU core: {theirs:.0f}/s"
@@ -178,7 +178,7 @@ def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
     return Section("setting", "Setting and machine", parts)
 
 
-def _pace(study: StudySummary) -> tuple[float, float, str]:
+def pace_of(study: StudySummary) -> tuple[float, float, str]:
     """Evaluations a second, masks included, on the devices that did most cells, these, and hours of the paper's grid.
 
     The time is that in which any worker of a host was at work; hosts' times add up.

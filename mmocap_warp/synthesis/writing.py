@@ -78,18 +78,10 @@ def write_made_scene(
 ) -> Path:
     """Write ``masks/<camera>/<frame>.png``, ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``.
 
-    Files of the same names are replaced.
-
-    Args:
-        folder: made if it does not exist, with the folders above it.
-        footage: what to write.
-        truth: of it; None where the scene file's end names those of several people.
-        name: of the scene.
-        about: what it is, for the scene file's first line.
-        foreground: the scene file's table of that name, and what else ends it.
-        subject: where tracking starts; written as ``subject.usdc`` if given.
-        body: the file of the body that a fit starts from; copied as ``body`` with its ending if given.
-        progress: called after each frame.
+    The folder is made if it does not exist, with those above it; files of the same names are replaced. There is no
+    ``truth`` where the scene file's end names those of several people. ``about`` says what it is, for the scene file's
+    first line, and ``foreground`` is the scene file's table of that name with what else ends it. ``subject`` is written
+    as ``subject.usdc`` if given, and the file of the ``body`` that a fit starts from copied.
 
     Returns:
         Path of ``scene.toml``.

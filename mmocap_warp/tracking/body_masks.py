@@ -40,12 +40,8 @@ class _Views:
 def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[list[np.ndarray]]:
     """The masks that a result was tracked from, made again: per frame of the result, per camera (height, width) bool.
 
-    What ``keep = "nearest"`` kept depended on where the body was tracked, and so depends on the result here.
-
-    Args:
-        scene: the recording.
-        result: what was tracked.
-        positions: in ``result.frame_numbers``, ascending and evenly spaced; all where omitted.
+    What ``keep = "nearest"`` kept depended on where the body was tracked, and so depends on the result here. Positions
+    in ``result.frame_numbers`` are ascending and evenly spaced; all are taken where they are omitted.
 
     Raises:
         ValueError: frames that are not evenly spaced.

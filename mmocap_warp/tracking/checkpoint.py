@@ -106,19 +106,13 @@ def _digest(thing: object) -> str:
 class Checkpoint:
     """A checkpoint file: a line that says what it is, a line with the run's identity, then a record per finished frame.
 
-    Frames are appended, so that a save takes as long after a day as after a minute. A record carries a checksum: what
-    a crash left half-written at the end is not read, and those frames are tracked again.
+    Frames are appended, so that a save takes as long after a day as after a minute. A record carries a checksum: what a
+    crash left half-written at the end is not read, and those frames are tracked again.
 
     A tracker's memory, such as a filter's particles, may be large, and only the last frame's is needed. So there are
     two places for it, before the frames, and saves take turns: one of the two is always whole.
 
     Frames are saved every few seconds, and when the ``with`` of a checkpoint ends, however it ends.
-
-    Args:
-        path: the file.
-        identity: the run's, see :func:`run_identity`.
-        state: the tracker's, before its first frame.
-        cameras: number of cameras.
     """
 
     def __init__(self, path: Path, identity: Identity, state: TrackState, cameras: int) -> None:

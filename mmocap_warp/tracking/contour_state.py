@@ -77,11 +77,8 @@ class ContourState(TrackState):
     ) -> ContourState:
         """The state after a look at runs ``looked`` (run,) bool.
 
-        Args:
-            looked: which runs.
-            area: (run, part) what was uncovered near each part [m^2].
-            excess: (run, part) by how much more that was than usual [m^2].
-            standing_out: (run,) bool, whether it says that a limb is elsewhere, unless nearly all looks do.
+        What was uncovered near each part, ``area`` (run, part) [m^2], exceeds the usual by ``excess``, likewise;
+        ``standing_out`` (run,) says whether a limb is elsewhere, unless nearly all looks do.
         """
         count = self.look_count + looked
         outstanding = self.outstanding_count + (looked & standing_out)
@@ -126,13 +123,9 @@ class ContourState(TrackState):
     def falls_short(self, answer: Candidates, fall: float, exposed: float) -> np.ndarray:
         """(run,) bool: whether an answer overlaps less than usual, or has limbs where nobody is seen.
 
-        Until the usual overlap is known every answer falls short.
-
-        Args:
-            answer: a pose for each run.
-            fall: how far the overlap may be below the usual one.
-            exposed: outline of such limbs that is too long [m]. What every remembered frame has of it comes on top: a
-                wrong calibration exposes the whole body in all frames.
+        Until the usual overlap is known every answer falls short. The overlap may be ``fall`` below it; ``exposed`` is
+        an outline of such limbs that is too long [m]. What every remembered frame has of it comes on top: a wrong
+        calibration exposes the whole body in all frames.
         """
         level = np.where(self.level_known, self._usual_overlap, np.float32(np.inf))
         always = np.where(self.overlap_levels > 0, self.exposed_outlines, np.float32(np.inf)).min(axis=1)

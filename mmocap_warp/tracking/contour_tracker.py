@@ -63,12 +63,8 @@ def starts_per_run(config: TrackConfig) -> int:
 class ContourTracker:
     """Tracks a subject frame by frame by contours; keeps what the next frame depends on.
 
-    Args:
-        subject: where to start.
-        rig: undistorted cameras at the masks' size.
-        config: settings; its algorithm is one of ``CONTOUR_TRACKERS``, or one of the paper's to be polished.
-        fps: frame rate of the recording, for the preset's radii, and for views that are late; negative where frames are
-            tracked from the last to the first.
+    The algorithm is one of ``CONTOUR_TRACKERS``, or one of the paper's to be polished. ``fps`` is for the preset's
+    radii, and for views that are late; negative where frames are tracked from the last to the first.
 
     Attributes:
         device: the Warp device.

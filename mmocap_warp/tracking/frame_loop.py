@@ -6,6 +6,7 @@ The way of a frame: :func:`track_frames` has its masks tracked (``Tracker.step``
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import asdict, replace
@@ -55,13 +56,8 @@ def track_frames(
 ) -> Iterator[FrameAnswer]:
     """Track frame after frame, and give each answer as soon as it is found.
 
-    Args:
-        tracker: in the state after the frame before the first.
-        observations: of consecutive frames.
-        first: position of the first of them.
-        keep: called with each observation that was tracked, such as to have it for smoothing.
-        saved: where progress is saved.
-        progress: called after every frame.
+    The tracker is in the state after the frame before the ``first``, a position. ``keep`` is called with each
+    observation that was tracked, such as to have it for smoothing, and ``progress`` after every frame.
     """
     for number, observation in enumerate(observations, first):
         answer = tracker.step(observation)
@@ -219,6 +215,7 @@ def _finished(
 
     if config.acceleration:
         result = smoothed(result, config, shown(), progress)
+        gc.collect()  # what was smoothed holds itself, and with it the fields of a window
     return with_evidence(result, config, shown())
 
 

@@ -91,13 +91,8 @@ def places_exchanged(
     """Poses whose limbs' joints lie, as near as they can, where those of the other limb lay; all else stays.
 
     Two arms that each explain the other's mask cannot be told apart by one of them alone, nor by exchanging their
-    angles: mirrored, crossed arms are crossed. Where each goes to the other's place, they uncross.
-
-    Args:
-        rooted: poses (frame).
-        pair: the coordinates (coordinate,) of each limb, joint by joint from the trunk on.
-        points: of the body.
-        rooting: moves poses, within their limits.
+    angles: mirrored, crossed arms are crossed. Where each goes to the other's place, they uncross. The pair has the
+    coordinates (coordinate,) of each limb, joint by joint from the trunk on.
     """
     one, other = (np.unique((limb - TRANSLATION) // 3) for limb in pair)
     joints = np.concatenate([one, other])

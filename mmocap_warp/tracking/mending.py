@@ -45,14 +45,9 @@ _FORBIDDEN = 1e9  # cost of an answer that is none
 
 
 def mended(scene: Scene, result: Result, config: TrackConfig, pins: Pins, span: range | None) -> Result:
-    """The result with the frames around pins, or those of a span, solved anew.
+    """The result with the frames around pins, or those at a span's positions, solved anew.
 
-    Args:
-        scene: the whole recording.
-        result: of a run with ``config``.
-        config: settings.
-        pins: joints that were clicked.
-        span: positions of frames that are searched longer.
+    The scene is the whole recording, and the result that of a run with ``config``.
     """
     reach, anchors = max(1, round(REACH * result.rate)), np.unique(pins.frame)
     spans = [] if span is None else [span]
@@ -124,14 +119,7 @@ def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> lis
 
 
 class _SpanSearch:
-    """Finds poses of a span's frames, whose masks are all held.
-
-    Args:
-        part: the span with frames around it.
-        config: settings.
-        observations: of all its frames.
-        pins: joints that were clicked in them.
-    """
+    """Finds poses of a span's frames; ``part`` is the span with frames around it, whose masks are all held."""
 
     def __init__(self, part: Result, config: TrackConfig, observations: Sequence[Observation], pins: Pins) -> None:
         subject = part.subject

@@ -41,13 +41,7 @@ def hierarchical(skeleton: Skeleton, dof: int | None = None) -> list[Part]:
 class RootFrame:
     """Puts the root's rotation into its base while poses are changed, so that its angles stay far from gimbal lock.
 
-    A root whose angles have limits keeps its base. All of it happens on the device.
-
-    Args:
-        subject: whose skeleton and base.
-        limits: (coordinate, 2) lowest and highest value.
-        poses: how many at a time.
-        device: a Warp device.
+    A root whose angles have limits (coordinate, 2) keeps its base. All of it happens on the device.
     """
 
     def __init__(self, subject: Subject, limits: np.ndarray, poses: int, device: str) -> None:
@@ -70,12 +64,7 @@ class RootFrame:
 class PoseSearch(Search):
     """Searches with one of the paper's algorithms; owns the objective, the optimizers and the random counters.
 
-    Args:
-        subject: whose poses.
-        rig: undistorted cameras at the masks' size.
-        config: settings; its budget, radii and runs are the search's.
-        algorithm: how to search.
-        fps: frame rate that the radii are for.
+    Budget, radii and runs are those of ``config``, the radii for a frame rate of ``fps``.
 
     Attributes:
         device: the Warp device.

@@ -29,13 +29,7 @@ _VOXEL = 0.04  # distance between the points of the visual hull [m]
 
 
 class RecoveryStarts:
-    """Makes starts for every run (run, start, coordinate), each float32 and within its limits.
-
-    Args:
-        subject: the body and its first pose.
-        rig: undistorted cameras at the masks' size.
-        config: settings.
-    """
+    """Makes starts for every run (run, start, coordinate), each float32 and within its limits."""
 
     def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig) -> None:
         self._subject, self._rig, self._seed = subject, rig, config.seed
@@ -54,9 +48,7 @@ class RecoveryStarts:
     def scattered(self, pose: np.ndarray, counter: np.ndarray) -> np.ndarray:
         """Starts around poses (run, coordinate), each of which differs from its pose in one part of the body.
 
-        Args:
-            pose: the poses.
-            counter: (run,) states of the random numbers.
+        ``counter`` (run,) has the states of the random numbers.
         """
         starts = np.repeat(pose[:, None], SCATTERED_POSES, axis=1)
         for run, of_run in enumerate(starts):

@@ -94,12 +94,8 @@ def smoothed(
     A lost frame has no contours: the frames around it fill it in, and it is then ``interpolated``. It stays ``lost``
     before a run's first and after its last frame with a pose. A repeated frame's masks are not looked at either.
 
-    Args:
-        raw: the track.
-        config: its settings, with an ``acceleration``.
-        observations: the masks that it was tracked from; a window of them is held at a time.
-        progress: called after each window.
-        mending: which frames are held, and what was clicked in the others; there is no second opinion then.
+    A window of masks is held at a time, after each of which ``progress`` is called. ``mending`` says which frames are
+    held, and what was clicked in the others; there is no second opinion then.
     """
     started = time.perf_counter()
     masks = _MaskWindow(raw, config, observations)
@@ -141,12 +137,7 @@ def smoothed(
 
 
 class _MaskWindow:
-    """The masks of a window of frames, as distance fields, and what they say about poses.
-
-    Args:
-        raw: whose body and cameras.
-        config: settings.
-        observations: of all frames, read as they are asked for.
+    """The masks of a window of frames, as distance fields, and what they say about poses; read as they are asked for.
 
     Attributes:
         pairs: coordinates (coordinate,) of each pair of limbs.
@@ -252,14 +243,7 @@ class _MaskWindow:
 
 
 class _RunSmoother:
-    """Solves a run's clip, window by window.
-
-    Args:
-        raw: the track.
-        config: settings.
-        masks: which all runs share.
-        run: number of the run.
-        mending: see :func:`smoothed`.
+    """Solves a run's clip, window by window; all runs share the masks.
 
     Attributes:
         windows: solved when they are asked for.

@@ -44,11 +44,7 @@ class TrackState:
 class Tracker:
     """Tracks a subject frame by frame with one of the paper's algorithms, and keeps each run's last answer.
 
-    Args:
-        subject: where to start.
-        rig: undistorted cameras at the masks' size.
-        config: settings.
-        fps: frame rate of the recording, for the preset's radii.
+    The cameras are undistorted, at the masks' size; the preset's radii are for a frame rate of ``fps``.
 
     Attributes:
         device: the Warp device.

@@ -70,13 +70,7 @@ def look_interval(rate: float, *, final: bool = False) -> int:
 
 
 class UncoveredArea:
-    """Finds mask area that a posed body does not cover.
-
-    Args:
-        subject: the body, and the base of its root.
-        rig: undistorted cameras at the masks' size.
-        device: a Warp device.
-    """
+    """Finds mask area that a posed body does not cover, in undistorted cameras at the masks' size."""
 
     def __init__(self, subject: Subject, rig: CameraRig, device: str = "cpu") -> None:
         body, mesh, size = subject.body, subject.body.tracking, subject.body.relative_size
@@ -172,12 +166,8 @@ class UncoveredArea:
 def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarray, frames: int) -> np.ndarray:
     """(frame, part) bool: parts near mask area that nothing explains, for a moment in plenty or for a while.
 
-    Args:
-        size: the body's size, as a share of a person's.
-        rate: frames a second.
-        looked: (look,) positions of the frames that were looked at, ascending.
-        area: (look, part) mask area that is uncovered near each part [m^2].
-        frames: how many frames there are.
+    The area (look, part) [m^2] was uncovered in the frames ``looked`` at, their positions (look,) ascending. ``size``
+    is the body's as a share of a person's, and ``rate`` in frames a second.
     """
     # More area than usual, at once, in two looks in a row, or for some time.
     usual = np.minimum(np.quantile(area, _USUAL_SHARE, axis=0), LARGEST_USUAL_AREA * size**2)

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import bench_growth as growth_module
 import bench_optimizers as peers_module
+import bench_report
+import bench_searches as searches_module
 import numpy as np
 import pytest
 import warp as wp
@@ -25,7 +27,6 @@ from bench_report import full_report, main, missing
 
 import mmocap_warp
 from mmocap_warp import cli
-from mmocap_warp.bench import searches as searches_module
 from mmocap_warp.bench import suite as suite_module
 from mmocap_warp.bench.report_file import OURS, digits, duration, rendered, report_tables, to_text, write_report
 from mmocap_warp.bench.suite import Plan, run_suite
@@ -51,6 +52,7 @@ def report(small):
         patch.setattr(timing, "_SAMPLE_SECONDS", {"cpu": 0.0, "cuda": 0.0})  # a work is called once in a sample
         patch.setattr(searches_module, "_BUDGET", 90)
         patch.setattr(peers_module, "_DOFS", 10)
+        patch.setattr(bench_report, "_RUNS", 2)
         patch.setattr(growth_module, "_CANDIDATES", {"cpu": (1, 4), "cuda": (1, 4)})
         patch.setattr(growth_module, "BATCH", {"cpu": 2, "cuda": 2})
         patch.setattr(growth_module, "_CAMERAS", (1, 2))
@@ -60,7 +62,7 @@ def report(small):
         patch.setattr(growth_module, "_RUNS", {"cpu": (1, 2), "cuda": (1, 2)})
         against = () if missing(["embree"]) else ("embree", "trimesh")
         against += tuple(name for name in ("cmaes",) if not missing([name]))
-        plan = Plan("cpu", 2, (8,), (2,), runs=2, budget=60, seconds=0.0)
+        plan = Plan("cpu", 2, (8,), (2,), seconds=0.0)
         with redirect_stderr(io.StringIO()) as printed:
             report = full_report(plan, (*against, "opencv"), True, small)
     steps = printed.getvalue().splitlines()
@@ -114,8 +116,6 @@ def bench_one_case(monkeypatch, small):
     def bench(check):
         case = Case("kernels", "raster", {}, lambda: None, lambda: check)
         monkeypatch.setattr(suite_module, "stages", lambda *_: iter([[case]]))
-        for name in ("moving_parts", "ask_and_tell", "frames", "same_frames", "contour_frames", "measure_generations"):
-            monkeypatch.setattr(suite_module, name, lambda *_: iter([]))
         return run_suite(Plan("cpu", 1, (), (2,), seconds=0.0), lambda _: None, small)
 
     return bench

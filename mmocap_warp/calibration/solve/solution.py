@@ -83,9 +83,8 @@ class SolvedCameras:
 def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     """Find a scene's cameras from the silhouettes of one person who walks.
 
-    Args:
-        scene: the recording. Of a calibration that it names, only the intrinsics are used.
-        height: of the person, standing, in shoes [m].
+    Of a calibration that the scene names, only the intrinsics are used. The height is that of the person, standing, in
+    shoes [m].
 
     Raises:
         ValueError: a height that is no person's, or a single camera.
@@ -148,9 +147,8 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
 def upright(rig: CameraRig, scene: Scene) -> CameraRig:
     """Cameras in metres, in a world with the floor at zero and z up, as a person who walks before them shows it.
 
-    Args:
-        rig: cameras that are placed relative to each other.
-        scene: the person's recording by all or some of them. Its own calibration is not used.
+    The rig's cameras are placed relative to each other. The scene is the person's recording by all or some of them,
+    whose own calibration is not used.
 
     Raises:
         InputError: a camera that the rig does not have, or has at another size.

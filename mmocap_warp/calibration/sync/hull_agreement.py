@@ -75,11 +75,8 @@ class HullOffsets:
 def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndarray, reach: int) -> HullOffsets | None:
     """Search for offsets by the hulls of a recording.
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        views: the masks of each.
-        about: (view,) offsets about which they are looked for.
-        reach: distance from these [frames]; 0 where they are nearly right.
+    They are looked for up to ``reach`` frames about those given (view,); 0 where these are nearly right. The cameras
+    are undistorted pinholes, as the masks.
 
     Returns:
         None where there is no frame in which all views see somebody, or where hulls fit about as well elsewhere.
@@ -106,12 +103,8 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndar
 class HullAgreement:
     """Hulls of views that may be shifted against one another.
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        views: the masks of each.
-        offsets: (view,) about which lags are tried: the view's frame ``f + offset`` belongs to frame ``f``.
-        reach: distance from these [frames].
-        sampling: density of the samples.
+    Lags are tried up to ``reach`` frames about the ``offsets`` (view,): a view's frame ``f + offset`` belongs to frame
+    ``f``. The cameras are undistorted pinholes, as the masks.
     """
 
     def __init__(

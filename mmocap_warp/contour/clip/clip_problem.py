@@ -71,12 +71,8 @@ class ClipProblem:
     ) -> Iterator[SolvedWindow]:
         """The clip's poses in windows of frames that are solved in turn, so that memory does not grow with the clip.
 
-        All but a window's end is final: the next window starts from there, with its last poses held.
-
-        Args:
-            rooted: a pose for every frame.
-            passes: how each window is solved.
-            shows: (frame,) bool, frames that a window may end after; None for frames that show anything.
+        All but a window's end is final: the next window starts from there, with its last poses held. A window may end
+        after frames that ``shows`` (frame,) bool names; where it is None, after those that show anything.
         """
         window, overlap, ahead = (round(time * self.rate) for time in (WINDOW, OVERLAP, AHEAD))
         first, held = 0, self.rooting.none
@@ -185,10 +181,7 @@ def _final_frames(observed: np.ndarray, overlap: int) -> int:
 class FixedLag:
     """Solves a clip that is still being recorded: the newest frames, whenever enough have come.
 
-    Args:
-        problem: whose equations are asked for the frames that are not final yet.
-        acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].
-        first: number of the first frame.
+    ``acceleration`` is a joint's standard deviation, by coordinate [m/s^2], and ``first`` the first frame's number.
     """
 
     def __init__(self, problem: ClipProblem, acceleration: float = ACCELERATION, first: int = 0) -> None:

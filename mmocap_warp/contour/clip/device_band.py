@@ -19,14 +19,7 @@ from mmocap_warp.kernels.structs import allocated
 
 
 class Motion:
-    """Points that move, and what a penalty makes of them.
-
-    Args:
-        points: of which body.
-        rooted: its poses.
-        penalty: the penalty.
-        seen: (frame,) bool, the frames that show anything.
-    """
+    """Points that move, and what a penalty makes of them; frames ``seen`` (frame,) bool show anything."""
 
     def __init__(self, points: MotionPoints, rooted: RootedPoses, penalty: MotionPenalty, seen: np.ndarray) -> None:
         self.point, self.axes = points.with_axes(rooted)
@@ -34,13 +27,7 @@ class Motion:
 
 
 class DeviceBand:
-    """Room for the systems of so many consecutive frames, and what solves them.
-
-    Args:
-        points: what is kept from accelerating.
-        frames: frames that are solved together, at most; those that are held come on top.
-        device: a Warp device.
-    """
+    """Room for the systems of so many consecutive frames beside those that are held, and what solves them."""
 
     def __init__(self, points: MotionPoints, frames: int, device: str) -> None:
         joints, dof, blocks, rows = len(points.below), len(points.searched), (frames + 1) // 2, frames + HELD

@@ -14,13 +14,7 @@ POINTS_A_JOINT = 4
 
 
 class MotionPoints:
-    """Each joint's centre, then a point on each of its axes.
-
-    Args:
-        skeleton: the joints.
-        joint_rest: (joint, 3) their centres in the bind pose [m].
-        searched: (dof,) coordinates that the points are differentiated by.
-    """
+    """Each joint's centre, then a point on each of its axes; differentiated by ``searched`` (dof,) coordinates."""
 
     def __init__(self, skeleton: Skeleton, joint_rest: np.ndarray, searched: np.ndarray) -> None:
         self._parent = skeleton.parent
@@ -62,9 +56,7 @@ class MotionPoints:
     def centres_by_rest(self, rooted: RootedPoses, change: np.ndarray) -> np.ndarray:
         """Derivatives of the joints' centres, (frame, joint, 3, parameter).
 
-        Args:
-            rooted: poses.
-            change: (parameter, joint, 3) of the centres in the bind pose by parameters of the body.
+        ``change`` (parameter, joint, 3) has those of the centres in the bind pose.
         """
         world, centre, _ = self._joints(rooted)
         derivative = np.zeros((*centre.shape, len(change)))

@@ -71,10 +71,8 @@ def stretched(factor: np.ndarray) -> JointAxes:
 class Deviations:
     """Standard deviations of a clip's frames, window by window as they are solved.
 
-    Args:
-        problem: the clip's.
-        acceleration: of the penalty that it is solved under [m/s^2].
-        axes: of the joints; None for the world's.
+    The clip is solved under the penalty on its ``acceleration`` [m/s^2]. Joints have the ``axes``, or those of the
+    world.
     """
 
     def __init__(self, problem: ClipProblem, acceleration: float, axes: JointAxes | None = None) -> None:
@@ -110,14 +108,8 @@ def marginal_covariance(
 ) -> np.ndarray:
     """Covariance of the searched coordinates of each frame, (frame, dof, dof), all others unknown too.
 
-    It is the inverse of what contours, the penalty on accelerations and the joints' limits say; the limits keep what
-    nothing shows, such as the twist of a straight limb, within what is possible.
-
-    Args:
-        problem: the clip's.
-        contour: what the contours of consecutive frames say.
-        rooted: their poses, solved.
-        acceleration: of the penalty that they were solved under [m/s^2].
+    It is the inverse of what contours, the penalty on accelerations [m/s^2] and the joints' limits say around solved
+    poses; the limits keep what nothing shows, such as the twist of a straight limb, within what is possible.
     """
     penalty, own = MotionPenalty(acceleration, problem.rate), contour.with_prior(problem.rooting.anywhere**-2.0)
     if problem.band:
@@ -263,16 +255,11 @@ def combine(
 ) -> Uncertainty:
     """Standard deviations of all that is wrong with poses.
 
-    Both parts are in proportion to the misfit: residuals are as large as they are, not as large as was assumed. The
-    larger they are, the larger is the share of them that is the same in all frames, because masks' noise does not
-    grow: so the second part is in proportion twice, within ``MOST_SYSTEMATIC``.
-
-    Args:
-        noise: from frame to frame.
-        body: in all frames alike.
-        misfit: of the frames [m].
-        widest: (coordinate,) what no coordinate exceeds.
-        usual: misfit, which shrinks with small bodies as the lengths do that contours are matched by [m].
+    Both parts, of noise and of the body, are in proportion to the misfit [m]: residuals are as large as they are, not
+    as large as was assumed. The larger they are, the larger is the share of them that is the same in all frames,
+    because masks' noise does not grow: so the second part is in proportion twice, within ``MOST_SYSTEMATIC``. No
+    coordinate exceeds the ``widest`` (coordinate,). The ``usual`` misfit shrinks with small bodies as the lengths do
+    that contours are matched by [m].
     """
     scale = misfit / usual
     alike = SYSTEMATIC * min(max(scale, 1.0), MOST_SYSTEMATIC)

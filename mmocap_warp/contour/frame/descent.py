@@ -61,14 +61,9 @@ def descend(
 ) -> tuple[State, Equations]:
     """The state after some steps, none of which raised the objective beyond its noise, and the problem around it.
 
-    A step that would raise it is not taken; the next is damped ten times as much in the frames whose own cost rose,
-    and in all frames where that is not enough. A step that is taken lowers the damping again, at least to 1.
-
-    Args:
-        problem: what is minimised.
-        state: where to start.
-        equations: the problem around it.
-        steps: how many are tried at most; fewer where a step becomes tiny.
+    A step that would raise it is not taken; the next is damped ten times as much in the frames whose own cost rose, and
+    in all frames where that is not enough. A step that is taken lowers the damping again, at least to 1. There are
+    fewer steps where one becomes tiny.
     """
     damping = np.ones(len(equations.cost))
     refused = False
@@ -91,11 +86,7 @@ def descend(
 
 
 class Trust:
-    """What damping adds to the normal equations of each frame: a weak pull to where it is.
-
-    Args:
-        is_length: (dof,) bool, which coordinates of a step are lengths, not angles.
-    """
+    """What damping adds to each frame's normal equations, of lengths and angles (dof,): a weak pull to where it is."""
 
     def __init__(self, is_length: np.ndarray) -> None:
         self._information = np.where(is_length, _STEP_LENGTH, _STEP_ANGLE) ** -2.0

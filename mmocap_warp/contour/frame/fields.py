@@ -33,13 +33,8 @@ class DistanceFields:
     """Fields of as many frames as there is room for, in the ``struct`` that kernels take.
 
     A pixel's centre is half a pixel from the contour that runs between it and a neighbour on the other side. Distances
-    are slightly smoothed, and cut off a few pixels from a contour; see :mod:`mmocap_warp.kernels.contour.distance`.
-
-    Args:
-        rig: undistorted cameras at the masks' size.
-        frames: places for frames.
-        candidates: poses that are judged at a time, each against the frame in ``frame``.
-        device: a Warp device.
+    are slightly smoothed, and cut off a few pixels from a contour; see :mod:`mmocap_warp.kernels.contour.distance`. The
+    candidates are judged at a time, each against the frame in ``frame``.
     """
 
     _first: int | None  # place of the frames that were observed last

@@ -175,10 +175,7 @@ class ContourFitter:
     def follow(self, pose: np.ndarray, base: np.ndarray, rate: float) -> None:
         """For late views, let the body move from poses (n, coordinate) to those that are tried a frame later.
 
-        Args:
-            pose: of the first candidates, in the frame before.
-            base: (n, 3, 3) of their roots.
-            rate: frames a second; negative where frames are followed backwards.
+        Poses and bases (n, 3, 3) are the first candidates'; ``rate`` is negative where frames are followed backwards.
         """
         self._moving.own = rate
         self.start_at(pose, base, np.zeros(len(pose), int))

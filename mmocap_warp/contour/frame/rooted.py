@@ -105,14 +105,9 @@ class Neighbours:
 class Rooting:
     """Turns poses into rooted ones, moves them and turns them back.
 
-    If a model does not search all three angles of the root, all frames keep the one base: from another base, the angles
-    that are held would be others.
-
-    Args:
-        skeleton: the joints.
-        root_base: (3, 3), world from body axes at zero root rotation, the same for all frames.
-        searched: (dof,) coordinates that steps are taken in.
-        limits: (coordinate, 2) lowest and highest value of every coordinate; None for the joints' own.
+    Steps are taken in the ``searched`` (dof,) coordinates, within ``limits`` (coordinate, 2), or the joints' own. If a
+    model does not search all three angles of the root, all frames keep the one base (3, 3): from another base, the
+    angles that are held would be others.
     """
 
     def __init__(

@@ -64,14 +64,8 @@ def view(
 ) -> Page:
     """A page to look at a result with: body, cameras, what they saw, and curves, at any time and from any side.
 
-    Args:
-        result: what was tracked, all runs of it.
-        scene: its recording, for masks and images; None shows the motion among the cameras alone.
-        truth: what errors are measured from; None draws no error.
-        images: show the scene's images beside its masks.
-        joint_set: a set whose points are shown with the skeleton.
-        name: the page's title.
-        progress: called after each frame whose masks were read with how many are done, of how many.
+    Without a scene it shows no masks, without truth no errors. ``progress`` is called after each frame whose masks were
+    read with how many are done, of how many.
 
     Raises:
         InputError: the scene or the truth is of another recording, or an image cannot be read.

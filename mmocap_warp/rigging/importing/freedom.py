@@ -38,8 +38,10 @@ class Freedom:
 
 
 def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
-    """Each joint's freedom. A joint without skin below it has none. The root is free, but for a robot that is one
-    chain: an arm stands on its base.
+    """The freedom of each joint of a mesh in the body's axes, whose mirrored pairs are known.
+
+    A joint without skin below it has none. The root is free, but for a robot that is one chain: an arm stands on its
+    base.
 
     Where the file says nothing: the joints of a limb after its first are hinges about the normal of the plane in which
     its bones lie, and bend on from there; the first joint of a limb, and all of those in the plane of symmetry, turn
@@ -47,10 +49,6 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
 
     A joint that slides is searched if its file gives it a travel that masks can show; else it is held, and its frame
     and limits are those that it has once it is freed.
-
-    Args:
-        mesh: in the body's axes.
-        pairs: of its joints, see :func:`~mmocap_warp.rigging.importing.joint_tree.mirrored_pairs`.
     """
     place, skin, below = mesh.bind[:, :3, 3], skin_of(mesh), skin_below(mesh)
     ends = _ends(mesh, place, skin)

@@ -1,4 +1,4 @@
-"""The optimizers alone, a generation from ask to tell, and the search of a whole frame."""
+"""What a step of the search moves, optimizers alone, a generation from ask to tell, and the search of a whole frame."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from mmocap_warp.bench.evaluations import all_alike
+from mmocap_warp.bench.report_file import FRAME
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.kernels.benchmarks.timing import Case, Check, Measurement, Timing, time_together
 from mmocap_warp.kernels.optimizers.populations import make_space
@@ -21,13 +23,50 @@ from mmocap_warp.tracking.pose_search import Part, hierarchical, holistic
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker, TrackState
 
-OPTIMIZER, GENERATION, FRAME = "ask and tell", "a generation", "a frame"
+MOVING, OPTIMIZER, GENERATION = "moving part", "ask and tell", "a generation"
 COST_APART = 1e-5
 """How far the cost of an answer may be from that of the same pose on the CPU."""
 
 _BUDGET = 500
+_PART_CANDIDATES = 9  # of CMA-ES in 6 dimensions
 _LONGER_BY = 5  # by which the longer of two searches exceeds the shorter
 _SPHERE_GENERATIONS = 40  # after these an optimizer must be nearer to the minimum of a sphere
+
+
+def moving_parts(load: Workload, device: str) -> Iterator[list[Case]]:
+    """What each part of the hierarchy moves, by both renderers, and drawing what rests."""
+    for part in hierarchical(load.body.skeleton):
+        yield [case for renderer in RENDERERS for case in _moving(load, part, renderer, device)]
+
+
+def _moving(load: Workload, part: Part, renderer: str, device: str) -> list[Case]:
+    candidates = _PART_CANDIDATES
+    objective = load.objective(candidates, renderer, device)
+    poses = np.repeat(load.poses(1), candidates, axis=0)
+    poses[:, part.index] = load.poses(candidates)[:, part.index]
+    base = wp.array(poses[:1], dtype=wp.float32, device=device)
+
+    def hold_poses() -> None:
+        objective.hold(base, part.index)
+        objective.pose.assign(poses)
+
+    def check() -> Check:
+        hold_poses()
+        objective.evaluate(candidates)
+        moved = objective.count.numpy().copy()
+        objective.release()
+        objective.evaluate(candidates)
+        same = all_alike(moved, objective.count.numpy(), words="from the whole body's")
+        hold_poses()
+        return same
+
+    hold_poses()
+    sizes = {"renderer": renderer, "candidates": candidates} | load.sizes_on(device, 1)
+    evaluate = Case(MOVING, part.name, sizes, partial(objective.evaluate, candidates), check, candidates)
+    if renderer != RENDERERS[-1] or load.body.skeleton.moved_by(part.index).all():
+        return [evaluate]
+    held = load.objective(candidates, renderer, device)  # one of its own: holding overwrites poses
+    return [evaluate, Case(MOVING, f"{part.name}: hold", sizes, partial(held.hold, base, part.index), check)]
 
 
 def minimises_sphere(

@@ -12,7 +12,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.result.result import Result
 from mmocap_warp.scene.frame_choice import as_range
-from mmocap_warp.scene.recording import Scene, ViewMasks
+from mmocap_warp.scene.recording import BodyMasks, Scene, ViewMasks
 
 
 def body_silhouettes(subject: Subject, rig: CameraRig) -> Callable[[np.ndarray], ViewMasks]:
@@ -52,7 +52,11 @@ def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None 
     tracked = result.pose if result.raw_pose is None else result.raw_pose
     poses = [result.subject.pose[None], *np.moveaxis(tracked, 1, 0)]
     last_poses = (poses[position] for position in positions)
-    silhouettes_of = body_silhouettes(result.subject, scene.rig(scale))
-    follows = scene.foreground.keep == "nearest"
-    body = (lambda: silhouettes_of(next(last_poses))) if follows else None
+    body: BodyMasks | None = None
+    if scene.foreground.keep == "nearest":
+        silhouettes_of = body_silhouettes(result.subject, scene.rig(scale))
+
+        def body() -> ViewMasks:
+            return silhouettes_of(next(last_poses))
+
     return scene.of_frames(as_range(result.frame_numbers[list(positions)].tolist())).masks(scale, body=body)

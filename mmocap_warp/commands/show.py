@@ -14,6 +14,7 @@ from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.display import result_video
+from mmocap_warp.display.overlay import Look
 from mmocap_warp.display.page import viewer
 from mmocap_warp.display.page.rerun_file import write_rerun
 from mmocap_warp.errors import UsageError
@@ -28,6 +29,7 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.result.verdict import verdict
 from mmocap_warp.scene.frame_choice import as_range
+from mmocap_warp.scene.mask_writing import TINTS
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
@@ -98,7 +100,7 @@ def show(
     positions = positions_of(tracked, frames)
     start_warp()
     recorded, shown = scene_of(tracked, path, scene, reporter), tracked.at(positions)
-    others = [(result_from(each)[0], scene_of(*result_from(each), scene, reporter)) for each in beside or ()]
+    others = [(other, scene_of(other, file, scene, reporter)) for other, file in map(result_from, beside or ())]
     if any(other.frame_numbers.tolist() != tracked.frame_numbers.tolist() for other, _ in others):
         raise UsageError("--beside needs results of the same frames")
     settings = {"strip": animated, "slow": slow, "deviations": deviations}
@@ -161,7 +163,7 @@ def draw_result(
     """
     positions = list(range(len(result.frame_numbers))) if positions is None else positions
     shown, count, images, masks = result.at(positions), len(positions), None, None
-    layout = result_video.video_layout(shown, whole)
+    layout = result_video.video_layout(shown, whole, [other.at(positions) for other, _ in others])
     if scene is not None:
         tracked = float(result.config.get("scale", 1.0))
         most = _DRAWN_LENGTH / int(scene.calibrated.size.max())
@@ -169,12 +171,25 @@ def draw_result(
         result_video.check_same_recording(result, scene)
         part = scene.of_frames(as_range(shown.frame_numbers.tolist()))
         images, masks = part.images(scale), tracked_masks(scene, result, positions)
-    for other, its_scene in others:
-        seen = None if its_scene is None else tracked_masks(its_scene, other, positions)
-        images = result_video.drawn_over(other.at(positions), images, seen)
+    looks = _looks([(result, scene), *others]) if others else [None]
+    people = [
+        result_video.Shown(other.at(positions), None if of is None else tracked_masks(of, other, positions), look)
+        for (other, of), look in zip(others, looks[1:], strict=True)
+    ]
     with reporter.stage("show") as progress:
-        settings |= {"layout": layout, "progress": lambda done: progress(done, count)}
+        settings |= {"look": looks[0], "others": people, "layout": layout}
+        settings["progress"] = lambda done: progress(done, count)
         result_video.show(shown, images, masks, video=video, sheet=sheet, **settings)
+
+
+def _looks(people: Sequence[tuple[Result, Scene | None]]) -> list[Look]:
+    """How people are told apart: by their names and colours in the scene, or by their places in the list."""
+    looks = []
+    for place, (result, scene) in enumerate(people):
+        name, names = str(result.config.get("person", "")), [] if scene is None else [*scene.people]
+        colour = TINTS[(names.index(name) if name in names else place) % len(TINTS)]
+        looks.append(Look(name or f"person{place + 1}", colour))
+    return looks
 
 
 @releases_locks

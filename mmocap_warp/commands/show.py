@@ -100,13 +100,21 @@ def show(
     positions = positions_of(tracked, frames)
     start_warp()
     recorded, shown = scene_of(tracked, path, scene, reporter), tracked.at(positions)
-    others = [(other, scene_of(other, file, scene, reporter)) for other, file in map(result_from, beside or ())]
-    if any(other.frame_numbers.tolist() != tracked.frame_numbers.tolist() for other, _ in others):
-        raise UsageError("--beside needs results of the same frames")
+    others = _others(beside, tracked, scene, reporter)
     settings = {"strip": animated, "slow": slow, "deviations": deviations}
     draw_result(tracked, recorded, video, sheet, reporter, positions, whole, others, **settings)
     judged = verdict(shown, None if recorded is None else recorded.path)
     return Drawing(video, sheet, {"iou_by_camera": iou_by_camera(shown), "verdict": judged}, animated)
+
+
+def _others(
+    beside: Sequence[str | Path] | None, result: Result, scene: Scene | str | Path | None, reporter: Reporter
+) -> list[tuple[Result, Scene | None]]:
+    """Results beside one of the same frames, each with the scene of its person."""
+    others = [(other, scene_of(other, file, scene, reporter)) for other, file in map(result_from, beside or ())]
+    if any(other.frame_numbers.tolist() != result.frame_numbers.tolist() for other, _ in others):
+        raise UsageError("--beside needs results of the same frames")
+    return others
 
 
 def show_all(result: Path, reporter: Reporter, force: bool) -> dict[str, Path]:
@@ -197,6 +205,7 @@ def view(
     result: Result | str | Path,
     scene: Scene | str | Path | None = None,
     *,
+    beside: Sequence[str | Path] | None = None,
     truth: Truth | str | Path | None = None,
     images: bool = False,
     joint_set: str | Path = "rig",
@@ -213,6 +222,7 @@ def view(
     Args:
         result: what was tracked, or its file.
         scene: the scene, if it is no longer where the result says.
+        beside: files of other people's results, of the same scene and frames, that the page shows too.
         truth: what errors are measured from. [default: the scene's own]
         images: show the recording's images too, not its masks alone.
         joint_set: also show the points of a set, as eval takes it, with the skeleton.
@@ -232,6 +242,8 @@ def view(
     recorded = scene_of(tracked, path, scene, reporter)
     known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
+    everybody = [(tracked, recorded), *_others(beside, tracked, scene, reporter)]
+    people = [(look, *each) for look, each in zip(_looks(everybody), everybody, strict=True)] if beside else []
     start_warp()
     if recording is not None:
         write_rerun(recording, tracked, recorded, known)
@@ -239,7 +251,14 @@ def view(
         name = recorded.name if recorded is not None else "Tracked motion" if path is None else path.stem
     with reporter.stage("view") as progress:
         shown = viewer.view(
-            tracked, recorded, truth=known, images=images, joint_set=points, name=name, progress=progress
+            tracked,
+            recorded,
+            truth=known,
+            images=images,
+            joint_set=points,
+            name=name,
+            people=people,
+            progress=progress,
         )
     if page is not None:
         shown.write(page)

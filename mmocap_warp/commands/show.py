@@ -179,25 +179,23 @@ def draw_result(
         result_video.check_same_recording(result, scene)
         part = scene.of_frames(as_range(shown.frame_numbers.tolist()))
         images, masks = part.images(scale), tracked_masks(scene, result, positions)
-    looks = _looks([(result, scene), *others]) if others else [None]
     people = [
-        result_video.Shown(other.at(positions), None if of is None else tracked_masks(of, other, positions), look)
-        for (other, of), look in zip(others, looks[1:], strict=True)
+        (look, each.at(positions), None if of is None else tracked_masks(of, each, positions))
+        for look, each, of in _people([(result, scene), *others])
     ]
     with reporter.stage("show") as progress:
-        settings |= {"look": looks[0], "others": people, "layout": layout}
-        settings["progress"] = lambda done: progress(done, count)
-        result_video.show(shown, images, masks, video=video, sheet=sheet, **settings)
+        settings |= {"layout": layout, "progress": lambda done: progress(done, count)}
+        result_video.show(shown, images, masks, people=people, video=video, sheet=sheet, **settings)
 
 
-def _looks(people: Sequence[tuple[Result, Scene | None]]) -> list[Look]:
-    """How people are told apart: by their names and colours in the scene, or by their places in the list."""
-    looks = []
-    for place, (result, scene) in enumerate(people):
+def _people(results: Sequence[tuple[Result, Scene | None]]) -> list[tuple[Look, Result, Scene | None]]:
+    """How several people are told apart: by names and places in the scene, or places in the list; none if one alone."""
+    people = []
+    for place, (result, scene) in enumerate(results if len(results) > 1 else ()):
         name, names = str(result.config.get("person", "")), [] if scene is None else [*scene.people]
         colour = TINTS[(names.index(name) if name in names else place) % len(TINTS)]
-        looks.append(Look(name or f"person{place + 1}", colour))
-    return looks
+        people.append((Look(name or f"person{place + 1}", colour), result, scene))
+    return people
 
 
 @releases_locks
@@ -242,8 +240,7 @@ def view(
     recorded = scene_of(tracked, path, scene, reporter)
     known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
-    everybody = [(tracked, recorded), *_others(beside, tracked, scene, reporter)]
-    people = [(look, *each) for look, each in zip(_looks(everybody), everybody, strict=True)] if beside else []
+    people = _people([(tracked, recorded), *_others(beside, tracked, scene, reporter)])
     start_warp()
     if recording is not None:
         write_rerun(recording, tracked, recorded, known)
@@ -251,14 +248,7 @@ def view(
         name = recorded.name if recorded is not None else "Tracked motion" if path is None else path.stem
     with reporter.stage("view") as progress:
         shown = viewer.view(
-            tracked,
-            recorded,
-            truth=known,
-            images=images,
-            joint_set=points,
-            name=name,
-            people=people,
-            progress=progress,
+            tracked, recorded, truth=known, images=images, joint_set=points, name=name, people=people, progress=progress
         )
     if page is not None:
         shown.write(page)

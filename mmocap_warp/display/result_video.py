@@ -51,16 +51,8 @@ _STRIP_FRAMES, _STRIP_RATE = 48, 20.0  # frames of an animated strip, and frames
 _STRIP_SIZE = (960, 240)  # width and height of an animated strip, at most [px]
 
 View = np.ndarray | None
-Images = Iterable[Sequence[View]]  # per frame, an image for each camera
-
-
-@dataclass(frozen=True)
-class Shown:
-    """One of several people: the best run of a result, what was seen of them, and how they are told apart."""
-
-    result: Result
-    masks: Images | None
-    look: Look | None = None
+Views = Sequence[View]  # an image for each camera
+Images = Iterable[Views]  # per frame
 
 
 def show(
@@ -68,8 +60,7 @@ def show(
     images: Images | None,
     masks: Images | None,
     *,
-    look: Look | None = None,
-    others: Sequence[Shown] = (),
+    people: Sequence[tuple[Look, Result, Images | None]] = (),
     video: str | Path | None = None,
     sheet: str | Path | None = None,
     strip: str | Path | None = None,
@@ -85,8 +76,7 @@ def show(
         images: per frame of the result, a gray or BGR image for each camera (None where there is none), undistorted;
             any resolution with the aspect of the result's cameras. None: draw over the masks.
         masks: likewise, (height, width) bool. None: draw no mask.
-        look: how the result's person is told from ``others``.
-        others: other people's results of the same frames.
+        people: where several are shown, each one's result of the same frames and masks; the first are those above.
         video: a ``.webm`` of all frames (VP8, which browsers play), or None.
         sheet: a ``.png`` of up to eight frames, a row for each camera, cut to the body, or None.
         strip: an animated ``.webp`` of the views in a row, small and endless, or None.
@@ -98,12 +88,11 @@ def show(
     Raises:
         InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
     """
-    people, count = [Shown(result, masks, look), *others], len(result.frame_numbers)
+    looks, results = [look for look, _, _ in people], [each for _, each, _ in people] or [result]
     if not deviations:
-        people = [replace(each, result=replace(each.result, joint_sigma=None)) for each in people]
-    result = people[0].result
-    bodies = [_project_run(each.result, each.result.best_run, each.look) for each in people]
-    layout = layout or video_layout(result, others=[each.result for each in others])
+        results = [replace(each, joint_sigma=None) for each in results]
+    bodies = [_project_run(each, each.best_run, looks[i] if looks else None) for i, each in enumerate(results)]
+    layout, count = layout or video_layout(result, others=results[1:]), len(result.frame_numbers)
     seconds = slow * count / result.rate
     on_sheet, on_strip = _spread(count, _SHEET_FRAMES), _spread(count, min(_STRIP_FRAMES, int(_STRIP_RATE * seconds)))
     crops, small = _sheet_windows(bodies, on_sheet), _strip_windows(layout.windows)
@@ -115,16 +104,18 @@ def show(
 
         def drawn() -> Iterator[np.ndarray | None]:
             """Each frame of the video, where there is one; other drawings are put aside."""
-            streams = _frames_in_step(result, images, *(each.masks for each in people))
+            streams = _frames_in_step(result, images, *([seen for _, _, seen in people] or [masks]))
             for frame, (seen, *masked) in enumerate(streams):
                 if sheet and frame in on_sheet:
                     cells.append(_views(bodies, frame, seen, masked, crops))
                 shown = writer or (strip and frame in on_strip)
                 views = _views(bodies, frame, seen, masked, layout.windows) if shown else []
                 if strip and frame in on_strip:
-                    large = views if look is None else _views(unnumbered, frame, seen, masked, small)
-                    strips.append(_strip_frame(large, small))
-                yield _video_frame(people, frame, views, layout.columns) if writer else None
+                    large = _views(unnumbered, frame, seen, masked, small) if looks else views
+                    sized = zip(large, small, strict=True)
+                    parts = [cv2.resize(each, to.size, interpolation=cv2.INTER_AREA) for each, to in sized]
+                    strips.append(np.concatenate(parts, axis=1))
+                yield _video_frame(results, looks, frame, views, layout.columns) if writer else None
 
         # A frame is encoded while the next ones are drawn.
         for frame, picture in enumerate(stack.enter_context(contextlib.closing(read_ahead(drawn())))):
@@ -133,7 +124,7 @@ def show(
             if progress is not None:
                 progress(frame + 1)
     if sheet:
-        write_png(sheet, _contact_sheet(people, on_sheet, cells))
+        write_png(sheet, _contact_sheet(results[0], on_sheet, cells, numbered=not looks))
     if strip:
         write_animation(strip, strips, seconds / len(strips))
 
@@ -172,8 +163,8 @@ def overlay(
         raise IndexError(f"frame must be 0 to {count - 1}, for the recording's {first} to {last}, got {frame}")
     k = names.index(camera) if isinstance(camera, str) else camera
     number = int(result.frame_numbers[frame])
-    images: Sequence[View] = [None] * len(names)
-    masks: Sequence[View] = images
+    images: Views = [None] * len(names)
+    masks: Views = images
     if scene is not None:
         check_same_recording(result, scene)
         images = next(scene.of_frames(range(number, number + 1)).images())
@@ -191,8 +182,8 @@ def show_subject(
     subject: Subject,
     sheet: str | Path,
     rig: CameraRig | None = None,
-    images: Sequence[View] | None = None,
-    masks: Sequence[View] | None = None,
+    images: Views | None = None,
+    masks: Views | None = None,
 ) -> None:
     """Draw a subject in its first pose as a ``.png``, each view cut to the body; without a rig from four sides.
 
@@ -272,7 +263,7 @@ class _ProjectedBody:
         (vertices,) = self._poser.tracking_vertices(self.pose[frame])
         return project(self.rig, vertices)
 
-    def seen(self, frame: int, masks: Sequence[View]) -> list[ViewedBody]:
+    def seen(self, frame: int, masks: Views) -> list[ViewedBody]:
         """What each camera sees of it."""
         (transforms,) = self._poser.joint_transforms(self.pose[frame])
         places = transforms[:, :3, 3]
@@ -292,11 +283,7 @@ class _ProjectedBody:
 
 
 def _views(
-    bodies: list[_ProjectedBody],
-    frame: int,
-    images: Sequence[View],
-    masks: Sequence[Sequence[View]],
-    windows: list[Window],
+    bodies: list[_ProjectedBody], frame: int, images: Views, masks: Sequence[Views], windows: list[Window]
 ) -> list[np.ndarray]:
     """Each camera's drawing; ``masks`` are each body's."""
     seen = [body.seen(frame, of_body) for body, of_body in zip(bodies, masks, strict=True)]
@@ -391,17 +378,19 @@ def _sheet_windows(bodies: list[_ProjectedBody], frames: list[int]) -> list[Wind
     return windows
 
 
-def _video_frame(people: list[Shown], frame: int, views: list[np.ndarray], columns: int) -> np.ndarray:
+def _video_frame(
+    results: list[Result], looks: list[Look], frame: int, views: list[np.ndarray], columns: int
+) -> np.ndarray:
     """All cameras at one frame, each with its overlap, below a line with the frame's number and status."""
-    result, looks = people[0].result, [each.look for each in people if each.look]
-    run, alone = result.best_run, not looks
+    result, alone = results[0], not looks
+    run = result.best_run
     for k, view in enumerate(views):
         overlap = f"   {_number('IoU', result.iou[run, frame, k], 'no mask')}" if alone else ""
         write_text(view, f"{result.cameras.names[k]}{overlap}", (8, 8))
     canvas, _ = _tile([views[i : i + columns] for i in range(0, len(views), columns)], _TITLE_WIDTH)
     title = f"frame {result.frame_numbers[frame]}"
     words = [(_number("cost", result.cost[run, frame], "no cost"), INK)]
-    states = [STATUS[each.result.status[each.result.best_run, frame]] for each in people]
+    states = [STATUS[each.status[each.best_run, frame]] for each in results]
     if alone:
         title += f"   {states[0]}"
     else:
@@ -427,16 +416,9 @@ def _strip_windows(windows: list[Window]) -> list[Window]:
     return [replace(window, size=size) for window, size in zip(windows, sizes, strict=True)]
 
 
-def _strip_frame(views: list[np.ndarray], windows: list[Window]) -> np.ndarray:
-    """The views side by side, small."""
-    both = zip(views, windows, strict=True)
-    return np.concatenate([cv2.resize(view, to.size, interpolation=cv2.INTER_AREA) for view, to in both], axis=1)
-
-
-def _contact_sheet(people: list[Shown], frames: list[int], cells: list[list[np.ndarray]]) -> np.ndarray:
+def _contact_sheet(result: Result, frames: list[int], cells: list[list[np.ndarray]], numbered: bool) -> np.ndarray:
     """Frames from left to right, cameras from top to bottom."""
-    result = people[0].result
-    for frame, views in zip(frames, cells if people[0].look is None else [], strict=False):
+    for frame, views in zip(frames, cells, strict=True) if numbered else ():
         for k, view in enumerate(views):
             write_text(view, _number("", result.iou[result.best_run, frame, k], "no mask"), (6, 6), size=0.4)
     for name, view in zip(result.cameras.names, cells[0], strict=True):

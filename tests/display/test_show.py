@@ -9,7 +9,7 @@ from synthetic import ring_rig, synthetic_result
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cameras.silhouette import silhouette, silhouettes
-from mmocap_warp.commands.show import _looks
+from mmocap_warp.commands.show import _people
 from mmocap_warp.display import overlay as overlay_file
 from mmocap_warp.display.overlay import (
     ELLIPSE,
@@ -26,7 +26,7 @@ from mmocap_warp.display.overlay import (
     draw_view,
     write_text,
 )
-from mmocap_warp.display.result_video import Layout, Shown, overlay, show, show_subject, video_layout
+from mmocap_warp.display.result_video import Layout, overlay, show, show_subject, video_layout
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks.mask_settings import ForegroundSettings
 from mmocap_warp.scene.mask_writing import TINTS
@@ -125,7 +125,8 @@ def test_people_have_colours_and_names_of_their_own(tmp_path, monkeypatch):
     monkeypatch.setattr(overlay_file, "write_text", told)
     looks = [Look("anna", (31, 210, 255)), Look("ben", (80, 200, 60))]
     files = {"video": tmp_path / "o.webm", "sheet": tmp_path / "o.png", "strip": tmp_path / "o.webp"}
-    show(first, None, masks_of(first), look=looks[0], others=[Shown(second, masks_of(second), looks[1])], **files)
+    people = [(look, each, masks_of(each)) for look, each in zip(looks, (first, second), strict=True)]
+    show(first, None, None, people=people, **files)
     sheet, (_, strip) = cv2.imread(str(files["sheet"])), cv2.imreadanimation(str(files["strip"]))
     for picture in (sheet, strip.frames[0][..., :3]):
         for colour in (looks[0].colour, looks[1].colour, INK):
@@ -144,8 +145,12 @@ def test_colours_are_those_of_the_masks_overlay():
     """A person's by the place in the scene, as masks are tinted, whoever is shown first; else in turn."""
     scene, tracked = SimpleNamespace(people={"anna": None, "ben": None}), small_result(1)
     ben, anna = (replace(tracked, config={**tracked.config, "person": name}) for name in ("ben", "anna"))
-    assert _looks([(ben, scene), (anna, scene)]) == [Look("ben", TINTS[1]), Look("anna", TINTS[0])]
-    assert _looks([(tracked, None)] * 5)[4] == Look("person5", TINTS[0])
+    assert [look for look, *_ in _people([(ben, scene), (anna, scene)])] == [
+        Look("ben", TINTS[1]),
+        Look("anna", TINTS[0]),
+    ]
+    assert _people([(tracked, None)] * 5)[4][0] == Look("person5", TINTS[0])
+    assert _people([(ben, scene)]) == []
 
 
 def test_who_is_nearer_is_drawn_over_the_other_and_no_name_over_another():

@@ -208,7 +208,14 @@ def show(call: Any, result: Path) -> Answer:
     return Answer(values, lines)
 
 
-@command("show:view", order="output images rerun scene", truth=None, name=None, joint_set=Given(str, "rig"))
+@command(
+    "show:view",
+    order="output beside images rerun scene",
+    beside=Annotated[list[Path] | None, Parameter()],
+    truth=None,
+    name=None,
+    joint_set=Given(str, "rig"),
+)
 def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> Answer:
     page = output or result.with_suffix(".html")
     shown = call(output=page)

@@ -14,6 +14,7 @@ from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.display import result_video
+from mmocap_warp.display.overlay import Look
 from mmocap_warp.display.page import viewer
 from mmocap_warp.display.page.rerun_file import write_rerun
 from mmocap_warp.errors import UsageError
@@ -28,6 +29,7 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.result.verdict import verdict
 from mmocap_warp.scene.frame_choice import as_range
+from mmocap_warp.scene.mask_writing import TINTS
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
@@ -98,13 +100,21 @@ def show(
     positions = positions_of(tracked, frames)
     start_warp()
     recorded, shown = scene_of(tracked, path, scene, reporter), tracked.at(positions)
-    others = [(result_from(each)[0], scene_of(*result_from(each), scene, reporter)) for each in beside or ()]
-    if any(other.frame_numbers.tolist() != tracked.frame_numbers.tolist() for other, _ in others):
-        raise UsageError("--beside needs results of the same frames")
+    others = _others(beside, tracked, scene, reporter)
     settings = {"strip": animated, "slow": slow, "deviations": deviations}
     draw_result(tracked, recorded, video, sheet, reporter, positions, whole, others, **settings)
     judged = verdict(shown, None if recorded is None else recorded.path)
     return Drawing(video, sheet, {"iou_by_camera": iou_by_camera(shown), "verdict": judged}, animated)
+
+
+def _others(
+    beside: Sequence[str | Path] | None, result: Result, scene: Scene | str | Path | None, reporter: Reporter
+) -> list[tuple[Result, Scene | None]]:
+    """Results beside one of the same frames, each with the scene of its person."""
+    others = [(other, scene_of(other, file, scene, reporter)) for other, file in map(result_from, beside or ())]
+    if any(other.frame_numbers.tolist() != result.frame_numbers.tolist() for other, _ in others):
+        raise UsageError("--beside needs results of the same frames")
+    return others
 
 
 def show_all(result: Path, reporter: Reporter, force: bool) -> dict[str, Path]:
@@ -161,7 +171,7 @@ def draw_result(
     """
     positions = list(range(len(result.frame_numbers))) if positions is None else positions
     shown, count, images, masks = result.at(positions), len(positions), None, None
-    layout = result_video.video_layout(shown, whole)
+    layout = result_video.video_layout(shown, whole, [other.at(positions) for other, _ in others])
     if scene is not None:
         tracked = float(result.config.get("scale", 1.0))
         most = _DRAWN_LENGTH / int(scene.calibrated.size.max())
@@ -169,12 +179,23 @@ def draw_result(
         result_video.check_same_recording(result, scene)
         part = scene.of_frames(as_range(shown.frame_numbers.tolist()))
         images, masks = part.images(scale), tracked_masks(scene, result, positions)
-    for other, its_scene in others:
-        seen = None if its_scene is None else tracked_masks(its_scene, other, positions)
-        images = result_video.drawn_over(other.at(positions), images, seen)
+    people = [
+        (look, each.at(positions), None if of is None else tracked_masks(of, each, positions))
+        for look, each, of in _people([(result, scene), *others])
+    ]
     with reporter.stage("show") as progress:
         settings |= {"layout": layout, "progress": lambda done: progress(done, count)}
-        result_video.show(shown, images, masks, video=video, sheet=sheet, **settings)
+        result_video.show(shown, images, masks, people=people, video=video, sheet=sheet, **settings)
+
+
+def _people(results: Sequence[tuple[Result, Scene | None]]) -> list[tuple[Look, Result, Scene | None]]:
+    """How several people are told apart: by names and places in the scene, or places in the list; none if one alone."""
+    people = []
+    for place, (result, scene) in enumerate(results if len(results) > 1 else ()):
+        name, names = str(result.config.get("person", "")), [] if scene is None else [*scene.people]
+        colour = TINTS[(names.index(name) if name in names else place) % len(TINTS)]
+        people.append((Look(name or f"person{place + 1}", colour), result, scene))
+    return people
 
 
 @releases_locks
@@ -182,6 +203,7 @@ def view(
     result: Result | str | Path,
     scene: Scene | str | Path | None = None,
     *,
+    beside: Sequence[str | Path] | None = None,
     truth: Truth | str | Path | None = None,
     images: bool = False,
     joint_set: str | Path = "rig",
@@ -198,6 +220,7 @@ def view(
     Args:
         result: what was tracked, or its file.
         scene: the scene, if it is no longer where the result says.
+        beside: files of other people's results, of the same scene and frames, that the page shows too.
         truth: what errors are measured from. [default: the scene's own]
         images: show the recording's images too, not its masks alone.
         joint_set: also show the points of a set, as eval takes it, with the skeleton.
@@ -217,6 +240,7 @@ def view(
     recorded = scene_of(tracked, path, scene, reporter)
     known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
+    people = _people([(tracked, recorded), *_others(beside, tracked, scene, reporter)])
     start_warp()
     if recording is not None:
         write_rerun(recording, tracked, recorded, known)
@@ -224,7 +248,7 @@ def view(
         name = recorded.name if recorded is not None else "Tracked motion" if path is None else path.stem
     with reporter.stage("view") as progress:
         shown = viewer.view(
-            tracked, recorded, truth=known, images=images, joint_set=points, name=name, progress=progress
+            tracked, recorded, truth=known, images=images, joint_set=points, name=name, people=people, progress=progress
         )
     if page is not None:
         shown.write(page)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.cameras.silhouette import silhouette
 from mmocap_warp.display.chart import COLOURS
@@ -31,6 +33,7 @@ _SEEN: Colour = (105, 105, 105)  # foreground where there is no image
 _TINT = 0.35  # share of the skin's colour over the image
 ELLIPSE = 10
 """Standard deviations from a joint to the rim of its ellipse: one or two are less than a pixel in most recordings."""
+_NAME_HEIGHT = 20  # of a person's name over the body, with the room around it [px]
 _PLATE = 0.6  # share of the plate's colour behind text
 SUBPIXEL_BITS = 4  # binary digits after the point of OpenCV's coordinates
 
@@ -56,41 +59,76 @@ class Window:
         return cv2.resize(image[top:bottom, left:right], self.size, interpolation=interpolation)
 
 
+@dataclass(frozen=True)
+class Look:
+    """How one of several people is told from the others."""
+
+    name: str
+    colour: Colour  # of skin, outline, skeleton and name; masks are outlined in ``INK``
+
+
+@dataclass(frozen=True)
+class ViewedBody:
+    """A posed body in one camera's pixels."""
+
+    body: BodyModel
+    mask: np.ndarray | None  # bool, of the view at any resolution
+    vertices: np.ndarray  # (vertex, 2), the projected tracking mesh [px]
+    joints: np.ndarray  # (joint, 2), projected joint centres [px]
+    spread: np.ndarray | None = None  # (joint, 2, 2), covariances of their places [px^2], drawn as ellipses
+    look: Look | None = None  # None where it is the only one
+    depth: float = 0.0  # of its root before the camera [m]
+
+
 def draw_view(
-    window: Window,
-    image_size: tuple[int, int],
-    image: np.ndarray | None,
-    mask: np.ndarray | None,
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    joints: np.ndarray,
-    skeleton: Skeleton,
-    spread: np.ndarray | None = None,
+    window: Window, image_size: tuple[int, int], image: np.ndarray | None, bodies: Sequence[ViewedBody]
 ) -> np.ndarray:
-    """Draw the body over one camera's image, or over its mask where there is no image: BGR, of ``window.size``.
+    """Draw bodies over one camera's image, or over their masks where there is no image: BGR, of ``window.size``.
 
     Args:
         window: what to draw, and how large.
-        image_size: the camera's width and height, in which ``vertices`` and ``joints`` are given.
-        image, mask: gray or BGR, and bool, of the same view at any resolution.
-        vertices, faces: (vertex, 2), the projected tracking mesh [px], and (face, 3), its triangles.
-        joints: (joint, 2), projected joint centres [px].
-        skeleton: how they hang together.
-        spread: (joint, 2, 2), covariances of the joints' places [px^2], drawn as ellipses of ``ELLIPSE`` deviations.
+        image_size: the camera's width and height, in which the bodies are given.
+        image: gray or BGR, of the view at any resolution.
+        bodies: the nearest is drawn over the others; names come over all.
     """
-    seen = None if mask is None else window.picture(mask.astype(np.uint8) * 255, image_size, cv2.INTER_LINEAR) > 127
-    canvas = _background(window, image_size, image, seen)
-    model = silhouette(window.points(vertices), faces, window.size)
-    skin = cv2.addWeighted(canvas, 1 - _TINT, np.full_like(canvas, MODEL_COLOUR), _TINT, 0.0)
-    canvas[model > 0] = skin[model > 0]
-    if seen is not None:
-        _draw_contour(canvas, seen.astype(np.uint8), MASK_COLOUR)
-    _draw_contour(canvas, model, MODEL_COLOUR)
-    _draw_skeleton(canvas, window.points(joints), skeleton)
-    if spread is not None:
-        scale = np.divide(window.size, window.extent)
-        _draw_ellipses(canvas, window.points(joints), spread * np.outer(scale, scale))
+    bodies = sorted(bodies, key=lambda seen: -seen.depth)
+    masks = [
+        None if mask is None else window.picture(mask.astype(np.uint8) * 255, image_size, cv2.INTER_LINEAR) > 127
+        for mask in (seen.mask for seen in bodies)
+    ]
+    canvas = _background(window, image_size, image, [mask for mask in masks if mask is not None])
+    names: list[tuple[Look, np.ndarray]] = []
+    for seen, mask in zip(bodies, masks, strict=True):
+        model = silhouette(window.points(seen.vertices), seen.body.tracking_face, window.size)
+        own = None if seen.look is None else seen.look.colour
+        colour, joints = own or MODEL_COLOUR, window.points(seen.joints)
+        skin = cv2.addWeighted(canvas, 1 - _TINT, np.full_like(canvas, colour), _TINT, 0.0)
+        canvas[model > 0] = skin[model > 0]
+        if mask is not None:
+            _draw_contour(canvas, mask.astype(np.uint8), INK if own else MASK_COLOUR)
+        _draw_contour(canvas, model, colour)
+        _draw_skeleton(canvas, joints, seen.body.skeleton, own)
+        if seen.spread is not None:
+            scale = np.divide(window.size, window.extent)
+            _draw_ellipses(canvas, joints, seen.spread * np.outer(scale, scale))
+        if seen.look is not None and model.any():
+            names.append((seen.look, model))
+    _write_names(canvas, names)
     return canvas
+
+
+def _write_names(canvas: np.ndarray, names: list[tuple[Look, np.ndarray]]) -> None:
+    """Each name over the top of its silhouette (height, width), below the names that would be under it."""
+    taken: list[tuple[int, int, int]] = []  # left, right and top
+    for look, model in names:
+        highest, width = int(model.any(axis=1).argmax()), text_width(look.name)
+        left = int(np.flatnonzero(model[highest]).mean()) - width // 2
+        left, top = max(4, min(left, canvas.shape[1] - width - 4)), max(4, highest - _NAME_HEIGHT)
+        while any(left < end and start < left + width and abs(top - y) < _NAME_HEIGHT for start, end, y in taken):
+            top += _NAME_HEIGHT
+        if top + _NAME_HEIGHT < canvas.shape[0]:
+            write_text(canvas, look.name, (left, top), look.colour)
+            taken.append((left, left + width, top))
 
 
 def text_width(text: str, size: float = 0.45) -> int:
@@ -114,14 +152,14 @@ def fixed_point(values: np.ndarray) -> np.ndarray:
 
 
 def _background(
-    window: Window, image_size: tuple[int, int], image: np.ndarray | None, seen: np.ndarray | None
+    window: Window, image_size: tuple[int, int], image: np.ndarray | None, masks: Sequence[np.ndarray]
 ) -> np.ndarray:
     if image is not None:
         picture = window.picture(image, image_size, cv2.INTER_AREA)
         return picture.copy() if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
     canvas = np.full((window.size[1], window.size[0], 3), PAPER, np.uint8)
-    if seen is not None:
-        canvas[seen] = _SEEN
+    for mask in masks:
+        canvas[mask] = _SEEN
     return canvas
 
 
@@ -130,16 +168,17 @@ def _draw_contour(canvas: np.ndarray, filled: np.ndarray, colour: Colour) -> Non
     cv2.drawContours(canvas, contours, -1, colour, 1, cv2.LINE_AA)
 
 
-def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray, skeleton: Skeleton) -> None:
+def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray, skeleton: Skeleton, colour: Colour | None) -> None:
+    """In one colour, or each limb in that of its side."""
     drawable = np.isfinite(joints).all(axis=1) & (np.abs(joints) < 8.0 * max(canvas.shape)).all(axis=1)
     fixed = fixed_point(np.where(drawable[:, None], joints, 0.0)).tolist()
-    colours = [COLOUR_OF_SIDE[skeleton.side(name)] for name in skeleton.joints]
+    colours = [colour or COLOUR_OF_SIDE[skeleton.side(name)] for name in skeleton.joints]
     for parent, joint in skeleton.bones:
         if drawable[joint] and drawable[parent]:
             cv2.line(canvas, fixed[parent], fixed[joint], colours[joint], 2, cv2.LINE_AA, SUBPIXEL_BITS)
-    for colour, centre, seen in zip(colours, fixed, drawable, strict=True):
+    for of_joint, centre, seen in zip(colours, fixed, drawable, strict=True):
         if seen:
-            cv2.circle(canvas, centre, 2 << SUBPIXEL_BITS, colour, -1, cv2.LINE_AA, SUBPIXEL_BITS)
+            cv2.circle(canvas, centre, 2 << SUBPIXEL_BITS, of_joint, -1, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _draw_ellipses(canvas: np.ndarray, joints: np.ndarray, covariances: np.ndarray) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import repeat
 from pathlib import Path
 
@@ -15,7 +16,19 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.display.overlay import ELLIPSE, LEGEND, PAPER, SIGMA_COLOUR, Window, draw_view, text_width, write_text
+from mmocap_warp.display.overlay import (
+    ELLIPSE,
+    INK,
+    LEGEND,
+    PAPER,
+    SIGMA_COLOUR,
+    Look,
+    ViewedBody,
+    Window,
+    draw_view,
+    text_width,
+    write_text,
+)
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import WebmFile, write_animation, write_png
 from mmocap_warp.result.result import STATUS, Result
@@ -37,7 +50,9 @@ _CROP_MARGIN = 0.12  # margin around the body, as a share of its size
 _STRIP_FRAMES, _STRIP_RATE = 48, 20.0  # frames of an animated strip, and frames a second, at most
 _STRIP_SIZE = (960, 240)  # width and height of an animated strip, at most [px]
 
-Images = Iterable[Sequence[np.ndarray | None]]  # per frame, an image for each camera
+View = np.ndarray | None
+Views = Sequence[View]  # an image for each camera
+Images = Iterable[Views]  # per frame
 
 
 def show(
@@ -45,6 +60,7 @@ def show(
     images: Images | None,
     masks: Images | None,
     *,
+    people: Sequence[tuple[Look, Result, Images | None]] = (),
     video: str | Path | None = None,
     sheet: str | Path | None = None,
     strip: str | Path | None = None,
@@ -60,6 +76,7 @@ def show(
         images: per frame of the result, a gray or BGR image for each camera (None where there is none), undistorted;
             any resolution with the aspect of the result's cameras. None: draw over the masks.
         masks: likewise, (height, width) bool. None: draw no mask.
+        people: where several are shown, each one's result of the same frames and masks; the first are those above.
         video: a ``.webm`` of all frames (VP8, which browsers play), or None.
         sheet: a ``.png`` of up to eight frames, a row for each camera, cut to the body, or None.
         strip: an animated ``.webp`` of the views in a row, small and endless, or None.
@@ -71,12 +88,15 @@ def show(
     Raises:
         InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
     """
-    result = result if deviations else replace(result, joint_sigma=None)
-    run, count = result.best_run, len(result.frame_numbers)
-    body, layout = _project_run(result, run), layout or video_layout(result)
+    looks, results = [look for look, _, _ in people], [each for _, each, _ in people] or [result]
+    if not deviations:
+        results = [replace(each, joint_sigma=None) for each in results]
+    bodies = [_project_run(each, each.best_run, looks[i] if looks else None) for i, each in enumerate(results)]
+    layout, count = layout or video_layout(result, others=results[1:]), len(result.frame_numbers)
     seconds = slow * count / result.rate
     on_sheet, on_strip = _spread(count, _SHEET_FRAMES), _spread(count, min(_STRIP_FRAMES, int(_STRIP_RATE * seconds)))
-    crops = _sheet_windows(body, on_sheet)
+    crops, small = _sheet_windows(bodies, on_sheet), _strip_windows(layout.windows)
+    unnumbered = [replace(body, iou=None) for body in bodies]
     cells: list[list[np.ndarray]] = []
     strips: list[np.ndarray] = []
     with contextlib.ExitStack() as stack:
@@ -84,14 +104,18 @@ def show(
 
         def drawn() -> Iterator[np.ndarray | None]:
             """Each frame of the video, where there is one; other drawings are put aside."""
-            for frame, (seen, masked) in enumerate(_frames_in_step(result, images, masks)):
+            streams = _frames_in_step(result, images, *([seen for _, _, seen in people] or [masks]))
+            for frame, (seen, *masked) in enumerate(streams):
                 if sheet and frame in on_sheet:
-                    cells.append(body.views(frame, seen, masked, crops))
+                    cells.append(_views(bodies, frame, seen, masked, crops))
                 shown = writer or (strip and frame in on_strip)
-                views = body.views(frame, seen, masked, layout.windows) if shown else []
+                views = _views(bodies, frame, seen, masked, layout.windows) if shown else []
                 if strip and frame in on_strip:
-                    strips.append(_strip_frame(views))
-                yield _video_frame(result, run, frame, views, layout.columns) if writer else None
+                    large = _views(unnumbered, frame, seen, masked, small) if looks else views
+                    sized = zip(large, small, strict=True)
+                    parts = [cv2.resize(each, to.size, interpolation=cv2.INTER_AREA) for each, to in sized]
+                    strips.append(np.concatenate(parts, axis=1))
+                yield _video_frame(results, looks, frame, views, layout.columns) if writer else None
 
         # A frame is encoded while the next ones are drawn.
         for frame, picture in enumerate(stack.enter_context(contextlib.closing(read_ahead(drawn())))):
@@ -100,7 +124,7 @@ def show(
             if progress is not None:
                 progress(frame + 1)
     if sheet:
-        write_png(sheet, _contact_sheet(result, run, on_sheet, cells))
+        write_png(sheet, _contact_sheet(results[0], on_sheet, cells, numbered=not looks))
     if strip:
         write_animation(strip, strips, seconds / len(strips))
 
@@ -139,51 +163,36 @@ def overlay(
         raise IndexError(f"frame must be 0 to {count - 1}, for the recording's {first} to {last}, got {frame}")
     k = names.index(camera) if isinstance(camera, str) else camera
     number = int(result.frame_numbers[frame])
-    images: Sequence[np.ndarray | None] = [None] * len(names)
-    masks: Sequence[np.ndarray | None] = images
+    images: Views = [None] * len(names)
+    masks: Views = images
     if scene is not None:
         check_same_recording(result, scene)
         images = next(scene.of_frames(range(number, number + 1)).images())
         masks = next(tracked_masks(scene, result, [frame % len(result.frame_numbers)]))
     body = _project_run(result, result.best_run if run is None else run)
-    view = body.views(frame, images, masks, _whole_windows(result.cameras, images))[k]
-    return view[:, :, ::-1].copy()  # OpenCV draws blue first
-
-
-def drawn_over(result: Result, images: Images | None, masks: Images | None) -> Iterator[list[np.ndarray | None]]:
-    """Per frame of a result, an image for each camera with the best run drawn over it, for another body to come over.
-
-    Images and masks are as :func:`show` takes them.
-    """
-    body = _project_run(result, result.best_run)
-    for frame, (seen, masked) in enumerate(_frames_in_step(result, images, masks)):
-        yield [*body.views(frame, seen, masked, _whole_windows(result.cameras, seen))]
-
-
-def _whole_windows(rig: CameraRig, images: Sequence[np.ndarray | None]) -> list[Window]:
-    """All of each camera's image, as large as it is, or as its masks where there is none."""
-    return [
+    whole = [
         Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
-        for (width, height), image in zip(rig.size.tolist(), images, strict=True)
+        for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
     ]
+    view = _views([body], frame, images, [masks], whole)[k]
+    return view[:, :, ::-1].copy()  # OpenCV draws blue first
 
 
 def show_subject(
     subject: Subject,
     sheet: str | Path,
     rig: CameraRig | None = None,
-    images: Sequence[np.ndarray | None] | None = None,
-    masks: Sequence[np.ndarray | None] | None = None,
+    images: Views | None = None,
+    masks: Views | None = None,
 ) -> None:
     """Draw a subject in its first pose as a ``.png``, each view cut to the body; without a rig from four sides.
 
     There may be an image and a mask for each camera, as :func:`show` takes them.
     """
     rig = rig or _rig_around(subject)
-    nothing: list[np.ndarray | None] = [None] * len(rig)
-    body = _ProjectedBody(subject, rig, subject.pose[None])
-    crops = _sheet_windows(body, [0])
-    views = body.views(0, images or nothing, masks or nothing, crops)
+    nothing: list[View] = [None] * len(rig)
+    bodies = [_ProjectedBody(subject, rig, subject.pose[None])]
+    views = _views(bodies, 0, images or nothing, [masks or nothing], _sheet_windows(bodies, [0]))
     for name, view in zip(rig.names, views, strict=True):
         write_text(view, name, (6, 6), size=0.4)
     columns = math.ceil(len(views) / math.ceil(len(views) / _STILL_COLUMNS))  # rows as long as each other, or nearly
@@ -234,53 +243,64 @@ def check_same_recording(result: Result, scene: Scene) -> None:
     raise InputError(scene.path, problem, "name the scene that was tracked")
 
 
+@dataclass(frozen=True)
 class _ProjectedBody:
     """A subject in the cameras' pixels, one pose of (frame, coordinate) at a time: all skin would fill the memory."""
 
-    def __init__(
-        self, subject: Subject, rig: CameraRig, pose: np.ndarray, joint_sigma: np.ndarray | None = None
-    ) -> None:
-        self.rig, self._pose, self._joint_sigma = rig, pose, joint_sigma
-        self._faces = subject.body.tracking_face
-        self._skeleton = subject.body.skeleton
-        self._poser = Poser(subject.body, subject.root_base)
+    subject: Subject
+    rig: CameraRig
+    pose: np.ndarray
+    joint_sigma: np.ndarray | None = None  # (frame, joint, 3)
+    iou: np.ndarray | None = None  # (frame, camera), stands behind the name
+    look: Look | None = None
+
+    @cached_property
+    def _poser(self) -> Poser:
+        return Poser(self.subject.body, self.subject.root_base)
 
     def vertices(self, frame: int) -> np.ndarray:
         """(camera, vertex, 2), the tracking mesh [px]."""
-        (vertices,) = self._poser.tracking_vertices(self._pose[frame])
+        (vertices,) = self._poser.tracking_vertices(self.pose[frame])
         return project(self.rig, vertices)
 
-    def views(
-        self, frame: int, images: Sequence[np.ndarray | None], masks: Sequence[np.ndarray | None], windows: list[Window]
-    ) -> list[np.ndarray]:
-        """Each camera's drawing."""
-        (transforms,) = self._poser.joint_transforms(self._pose[frame])
+    def seen(self, frame: int, masks: Views) -> list[ViewedBody]:
+        """What each camera sees of it."""
+        (transforms,) = self._poser.joint_transforms(self.pose[frame])
         places = transforms[:, :3, 3]
         vertices, joints = self.vertices(frame), project(self.rig, places)
         # Covariances of the joints' places [px^2], where the result has them.
-        spread: list[np.ndarray | None] = [None] * len(self.rig)
-        if self._joint_sigma is not None:
-            off = self._joint_sigma[frame][:, None] * np.eye(3)  # (joint, axis, 3)
+        spread: list[View] = [None] * len(self.rig)
+        if self.joint_sigma is not None:
+            off = self.joint_sigma[frame][:, None] * np.eye(3)  # (joint, axis, 3)
             moved = [project(self.rig, places + off[:, axis]) - joints for axis in range(3)]
             spread = list(sum(each[..., :, None] * each[..., None, :] for each in moved))
-        body, skeleton, sizes = self._faces, self._skeleton, map(tuple, self.rig.size.tolist())
-        seen = zip(windows, sizes, images, masks, vertices, joints, spread, strict=True)
-        return [
-            draw_view(window, size, image, mask, skin, body, centres, skeleton, covariances)
-            for window, size, image, mask, skin, centres, covariances in seen
-        ]
+        looks = [self.look] * len(self.rig)
+        if self.look is not None and self.iou is not None:
+            looks = [replace(self.look, name=_number(self.look.name, iou, "no mask")) for iou in self.iou[frame]]
+        depths = (self.rig.R @ places[0] + self.rig.t)[:, 2].tolist()
+        seen = zip(masks, vertices, joints, spread, looks, depths, strict=True)
+        return [ViewedBody(self.subject.body, *view) for view in seen]
 
 
-def _project_run(result: Result, run: int) -> _ProjectedBody:
+def _views(
+    bodies: list[_ProjectedBody], frame: int, images: Views, masks: Sequence[Views], windows: list[Window]
+) -> list[np.ndarray]:
+    """Each camera's drawing; ``masks`` are each body's."""
+    seen = [body.seen(frame, of_body) for body, of_body in zip(bodies, masks, strict=True)]
+    sizes = map(tuple, bodies[0].rig.size.tolist())
+    return [draw_view(*view) for view in zip(windows, sizes, images, zip(*seen, strict=True), strict=True)]
+
+
+def _project_run(result: Result, run: int, look: Look | None = None) -> _ProjectedBody:
     """One of a result's runs."""
     sigma = None if result.joint_sigma is None else result.joint_sigma[run]
-    return _ProjectedBody(result.subject, result.cameras, result.pose[run], sigma)
+    return _ProjectedBody(result.subject, result.cameras, result.pose[run], sigma, result.iou[run], look)
 
 
-def _frames_in_step(result: Result, images: Images | None, masks: Images | None) -> Iterator[tuple]:
-    """Images and masks of each frame of the result."""
+def _frames_in_step(result: Result, *seen: Images | None) -> Iterator[tuple]:
+    """Images and people's masks of each frame of the result."""
     nothing = repeat([None] * len(result.cameras))
-    streams = zip(images if images is not None else nothing, masks if masks is not None else nothing, strict=False)
+    streams = zip(*(nothing if each is None else each for each in seen), strict=False)
     for number in result.frame_numbers:
         both = next(streams, None)
         if both is None:
@@ -301,15 +321,16 @@ class Layout:
         return max(window.size[1] / window.extent[1] for window in self.windows)
 
 
-def video_layout(result: Result, whole: bool = False) -> Layout:
-    """Windows that fill a video: whole images, or what is around the best run's body over the clip.
+def video_layout(result: Result, whole: bool = False, others: Sequence[Result] = ()) -> Layout:
+    """Windows that fill a video: whole images, or what is around the bodies of the best runs over the clip.
 
     Each has a fixed place, so that what stands still in a camera stands still in the video.
     """
     sizes, count = result.cameras.size.astype(float), len(result.frame_numbers)
     boxes = np.stack([np.zeros_like(sizes), sizes], axis=1)
     if not whole:
-        boxes = _boxes(_project_run(result, result.best_run), _spread(count, _BOX_FRAMES))
+        bodies = [_project_run(each, each.best_run) for each in (result, *others)]
+        boxes = _boxes(bodies, _spread(count, _BOX_FRAMES))
     # Boxes grow to one shape, as far as the images reach: then they fill the cells of a grid.
     extent = boxes[:, 1] - boxes[:, 0]
     shape = float(np.median(extent[:, 0] / extent[:, 1]))
@@ -330,15 +351,15 @@ def video_layout(result: Result, whole: bool = False) -> Layout:
     return Layout(windows, columns)
 
 
-def _boxes(body: _ProjectedBody, frames: list[int]) -> np.ndarray:
-    """(camera, 2, 2), the left top and right bottom of what is around the body in ``frames`` [px].
+def _boxes(bodies: list[_ProjectedBody], frames: list[int]) -> np.ndarray:
+    """(camera, 2, 2), the left top and right bottom of what is around the bodies in ``frames`` [px].
 
-    Of a camera that never sees the body it is the whole image.
+    Of a camera that never sees them it is the whole image.
     """
-    sizes = body.rig.size.astype(float)
+    sizes = bodies[0].rig.size.astype(float)
     low, high = np.full_like(sizes, np.inf), np.full_like(sizes, -np.inf)
     for frame in frames:
-        pixels = body.vertices(frame)
+        pixels = np.concatenate([body.vertices(frame) for body in bodies], axis=1)
         inside = ((pixels >= 0) & (pixels < sizes[:, None])).all(axis=2, keepdims=True)
         low = np.minimum(low, np.where(inside, pixels, np.inf).min(axis=1))
         high = np.maximum(high, np.where(inside, pixels, -np.inf).max(axis=1))
@@ -348,47 +369,58 @@ def _boxes(body: _ProjectedBody, frames: list[int]) -> np.ndarray:
     return np.stack([np.maximum(np.floor(low - margin), 0), np.minimum(np.ceil(high + margin), sizes)], axis=1)
 
 
-def _sheet_windows(body: _ProjectedBody, frames: list[int]) -> list[Window]:
-    """Each camera's window around the body in ``frames``, as high as a row of a contact sheet."""
+def _sheet_windows(bodies: list[_ProjectedBody], frames: list[int]) -> list[Window]:
+    """Each camera's window around the bodies in ``frames``, as high as a row of a contact sheet."""
     windows = []
-    for (left, top), (right, bottom) in _boxes(body, frames).astype(int).tolist():
+    for (left, top), (right, bottom) in _boxes(bodies, frames).astype(int).tolist():
         extent = (right - left, bottom - top)
         windows.append(Window((left, top), extent, (max(1, round(extent[0] * _SHEET_ROW / extent[1])), _SHEET_ROW)))
     return windows
 
 
-def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], columns: int) -> np.ndarray:
+def _video_frame(
+    results: list[Result], looks: list[Look], frame: int, views: list[np.ndarray], columns: int
+) -> np.ndarray:
     """All cameras at one frame, each with its overlap, below a line with the frame's number and status."""
+    result, alone = results[0], not looks
+    run = result.best_run
     for k, view in enumerate(views):
-        write_text(view, f"{result.cameras.names[k]}   {_number('IoU', result.iou[run, frame, k], 'no mask')}", (8, 8))
+        overlap = f"   {_number('IoU', result.iou[run, frame, k], 'no mask')}" if alone else ""
+        write_text(view, f"{result.cameras.names[k]}{overlap}", (8, 8))
     canvas, _ = _tile([views[i : i + columns] for i in range(0, len(views), columns)], _TITLE_WIDTH)
-    title = f"frame {result.frame_numbers[frame]}   {STATUS[result.status[run, frame]]}"
+    title = f"frame {result.frame_numbers[frame]}"
+    words = [(_number("cost", result.cost[run, frame], "no cost"), INK)]
+    states = [STATUS[each.status[each.best_run, frame]] for each in results]
+    if alone:
+        title += f"   {states[0]}"
+    else:
+        words = [(f"{look.name}: {state}", look.colour) for look, state in zip(looks, states, strict=True)]
     end = write_text(canvas, title, (12, 8), size=0.55)
-    write_text(canvas, _number("cost", result.cost[run, frame], "no cost"), (end + 18, 9))
+    for text, colour in words:
+        end = write_text(canvas, text, (end + 18, 9), colour)
     # The legend stands at the right end, the same in all frames.
     of_sigma = {} if result.joint_sigma is None else {f"ellipse: {ELLIPSE} sigma": SIGMA_COLOUR}
     height, right = canvas.shape[:2]
-    for name, colour in reversed((LEGEND | of_sigma).items()):
+    for name, colour in reversed(((LEGEND if alone else {"mask": INK}) | of_sigma).items()):
         right -= text_width(name) + 18
         write_text(canvas, name, (right, 9), colour)
     width = canvas.shape[1]
     return np.pad(canvas, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")  # codecs want even sizes
 
 
-def _strip_frame(views: list[np.ndarray]) -> np.ndarray:
-    """The views side by side, small."""
-    shapes = [view.shape[1] / view.shape[0] for view in views]
+def _strip_windows(windows: list[Window]) -> list[Window]:
+    """Small ones that stand side by side; what has names is drawn in these, so that the names can be read."""
+    shapes = [window.size[0] / window.size[1] for window in windows]
     height = min(_STRIP_SIZE[1], int(_STRIP_SIZE[0] / sum(shapes)))
     sizes = [(max(1, round(height * shape)), height) for shape in shapes]
-    small = [cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view, size in zip(views, sizes, strict=True)]
-    return np.concatenate(small, axis=1)
+    return [replace(window, size=size) for window, size in zip(windows, sizes, strict=True)]
 
 
-def _contact_sheet(result: Result, run: int, frames: list[int], cells: list[list[np.ndarray]]) -> np.ndarray:
+def _contact_sheet(result: Result, frames: list[int], cells: list[list[np.ndarray]], numbered: bool) -> np.ndarray:
     """Frames from left to right, cameras from top to bottom."""
-    for frame, views in zip(frames, cells, strict=True):
+    for frame, views in zip(frames, cells, strict=True) if numbered else ():
         for k, view in enumerate(views):
-            write_text(view, _number("", result.iou[run, frame, k], "no mask"), (6, 6), size=0.4)
+            write_text(view, _number("", result.iou[result.best_run, frame, k], "no mask"), (6, 6), size=0.4)
     for name, view in zip(result.cameras.names, cells[0], strict=True):
         write_text(view, name, (6, view.shape[0] - 18), size=0.4)
     canvas, lefts = _tile([[views[k] for views in cells] for k in range(len(result.cameras))])

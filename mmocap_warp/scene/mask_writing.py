@@ -20,7 +20,7 @@ from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.whole_file import file_name, write_whole
 
-_TINTS = ([31, 210, 255], [80, 200, 60], [230, 120, 200], [220, 200, 40])  # BGR, of people in turn
+TINTS = ((31, 210, 255), (80, 200, 60), (230, 120, 200), (220, 200, 40))  # BGR, of people in turn
 _ADDED, _TAKEN = np.array([255, 90, 0], np.uint8), np.array([40, 40, 255], np.uint8)  # BGR: blue, red
 _VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
 
@@ -125,7 +125,7 @@ def draw_masks(
         view = np.full(shape, 40, np.uint8) if image is None else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         for person, pair in enumerate(pairs):
             mask, old = (cv2.resize(m.view(np.uint8), size, interpolation=cv2.INTER_NEAREST).view(bool) for m in pair)
-            own = np.array(_TINTS[person % len(_TINTS)], np.uint8)
+            own = np.array(TINTS[person % len(TINTS)], np.uint8)
             for part, tint in ((mask, own), (mask & ~old, _ADDED), (old & ~mask, _TAKEN)):
                 view[part] = view[part] // 2 + tint // 2
             contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
@@ -275,7 +275,8 @@ class Scene:
     ) -> Iterator[Observation]:
         """Masks of frames ``first`` to ``first + count - 1`` (to the end without ``count``), one frame at a time.
 
-        They are made as the scene says: read or subtracted, undistorted and resampled once, cleaned, repaired.
+        They are made as the scene says: read or subtracted, undistorted and resampled once, cleaned, repaired. With
+        them come the times at which they were taken, and what may be in front of the person.
 
         Args:
             scale: of the images relative to the calibrated ones.
@@ -288,34 +289,33 @@ class Scene:
             ValueError: frames that the scene does not have.
             InputError: images that turn out unreadable.
         """
-        yield from self.observed(self.masks(scale, first, count, body), scale, first)
-
-    def observed(self, masks: Iterable[list[np.ndarray]], scale: float, first: int = 0) -> Iterator[Observation]:
-        """Masks of consecutive frames from ``first`` on, with the times at which they were taken and what hides them.
-
-        ``scale`` is that of the masks.
-        """
-        hidden = self.hidden(scale, first) if any(source.in_front for source in self.cameras) else repeat(None)
-        for place, (views, in_front) in enumerate(zip(masks, hidden, strict=False), first):
+        hides = any(source.in_front for source in self.cameras)
+        for place, (views, in_front) in enumerate(self._seen(scale, first, count, body, hides), first):
             frame = self.frames[place : place + 1]
             late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps  # (camera,) [s]
-            yield Observation.from_masks(views, late if late.any() else None, in_front)
+            yield Observation.from_masks(views, late if late.any() else None, in_front if hides else None)
 
-    def hidden(self, scale: float, first: int = 0) -> Iterator[list[np.ndarray]]:
-        """Per camera (height, width) bool, what may be in front of the person, of all frames from ``first`` on."""
-        frames, sizes = self._numbers(first, None), self.rig(scale).size
+    def hidden(self, scale: float) -> Iterator[list[np.ndarray]]:
+        """Per camera (height, width) bool, what may be in front of the person, of all frames."""
+        frames, empty = self.frames, [np.zeros((height, width), bool) for width, height in self.rig(scale).size]
         streams = [
             self._raw_masks(k, scale, frames, source.in_front) if source.in_front else repeat(None, len(frames))
             for k, source in enumerate(self.cameras)
         ]
         for views in zip(*streams, strict=True):
-            empty = (np.zeros((height, width), bool) for width, height in sizes)
-            yield [nothing if view is None else view for view, nothing in zip(views, empty, strict=True)]
+            yield [nothing if view is None else view[0] for view, nothing in zip(views, empty, strict=True)]
 
     def masks(
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
     ) -> Iterator[list[np.ndarray]]:
         """As :meth:`observations`, unpacked: per camera (height, width) bool."""
+        for masks, _ in self._seen(scale, first, count, body):
+            yield masks
+
+    def _seen(
+        self, scale: float, first: int, count: int | None, body: BodyMasks | None, hides: bool = False
+    ) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
+        """Each frame's masks, and where that is asked what ``hides`` the person; an image is read once for both."""
         wanted = self._numbers(first, count)
         rig = self.rig(scale)
         # A frame has the same mask wherever reading starts, so what is remembered is gathered from the first frame on.
@@ -324,10 +324,13 @@ class Scene:
         read = range(wanted[-1] + 1) if wanted and self.foreground.model_remembers else followed
         empty = [np.zeros((height, width), bool) for width, height in rig.size]
 
-        def mended(k: int) -> Iterator[np.ndarray | None]:
-            for frame, raw in zip(read, self._raw_masks(k, scale, read), strict=True):
+        def mended(k: int) -> Iterator[tuple[np.ndarray | None, np.ndarray]]:
+            in_front = self.cameras[k].in_front if hides else ()
+            raw_masks = self._raw_masks(k, scale, read, (), *([in_front] if in_front else []))
+            for frame, raw in zip(read, raw_masks, strict=True):
                 # The background model alone remembers what is before the frames that are followed.
-                yield None if raw is None or frame not in followed else mend_mask(raw, self.foreground, scale)
+                mask = None if raw is None or frame not in followed else mend_mask(raw[0], self.foreground, scale)
+                yield mask, raw[1] if raw and in_front else empty[k]
 
         def keep(mask: np.ndarray | None, nothing: np.ndarray, k: int) -> np.ndarray:
             return nothing if mask is None else keep_mended(mask, self.foreground, scale, lambda: last[k])
@@ -338,27 +341,32 @@ class Scene:
             pool, reading = (stack.enter_context(ThreadPoolExecutor(count)) for _ in range(2))
             streams = read_together([mended(k) for k in range(len(empty))], reading)
             ahead = stack.enter_context(closing(read_ahead(streams)))
-            for frame, masks in zip(read, ahead, strict=True):
+            for frame, seen in zip(read, ahead, strict=True):
                 if frame not in followed:
                     continue
                 last = kept if body is None else body()
-                kept = list(pool.map(keep, masks, empty, range(len(empty))))
+                kept = list(pool.map(keep, (mask for mask, _ in seen), empty, range(len(empty))))
                 if frame in wanted:
-                    yield repair_masks(rig, kept, pool.map) if self.foreground.repair else kept
+                    repaired = repair_masks(rig, kept, pool.map) if self.foreground.repair else kept
+                    yield repaired, [in_front for _, in_front in seen]
 
     def _raw_masks(
-        self, k: int, scale: float, frames: range, labels: tuple[int, ...] = ()
-    ) -> Iterator[np.ndarray | None]:
-        """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
+        self, k: int, scale: float, frames: range, *labels: tuple[int, ...]
+    ) -> Iterator[list[np.ndarray] | None]:
+        """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame.
+
+        Where they are given, there is one of the objects of each of ``labels``, as :meth:`mask_maker` takes them.
+        """
         source = self.cameras[k]
         if self.foreground.source == "masks":
-            make = self.mask_maker(k, scale, labels)
+            makers = [self.mask_maker(k, scale, each) for each in labels]
             for image in frames_by_number(source.masks, map(source.mask_number, frames)):
-                yield None if image is None else make(image)
+                yield None if image is None else [make(image) for make in makers]
             return
         if self.foreground.source == "program":
             raise InputError(self.path, "its masks are not made yet", "make them with mmocap mask, and track these")
-        yield from self._subtracted_once(k, scale, frames)
+        for mask in self._subtracted_once(k, scale, frames):
+            yield None if mask is None else [mask]
 
     def mask_maker(self, k: int, scale: float = 1.0, labels: tuple[int, ...] = ()) -> Callable[[Any], np.ndarray]:
         """What makes masks of camera ``k``'s images: (height, width) bool, undistorted but as read or subtracted.

@@ -39,7 +39,7 @@ function draw() {
   stage.begin(view, 100, [0, 0], style("plate"));
   stage.drawLines(floor().map((line) => [...line, ...grid, 1, 1.2]), true);
   const towards = add(view.R[2], content.up, -0.6);
-  if (part.mesh.checked) stage.drawSkin(joints, unit(towards.map((v) => -v)), [...colours.model, 1], stage.fine);
+  if (part.mesh.checked) stage.drawSkin(joints, unit(towards.map((v) => -v)), [...colours.model, 1], "fine");
   if (part.skeleton.checked) stage.drawLines(boneLines(body, joints, colours), false);
   for (const pinhole of pinholes) {
     const corners = pinhole.corners(0.5), line = (a, b) => [...a, ...b, ...soft, 1, 1.5];

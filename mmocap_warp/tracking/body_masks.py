@@ -10,6 +10,7 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import Result
 from mmocap_warp.scene.frame_choice import as_range
 from mmocap_warp.scene.recording import BodyMasks, Scene, ViewMasks
@@ -47,6 +48,18 @@ def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None 
         ValueError: frames that are not evenly spaced.
         InputError: images that turn out unreadable.
     """
+    part, scale, body = _again(scene, result, positions)
+    return part.masks(scale, body=body)
+
+
+def tracked_observations(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[Observation]:
+    """As :func:`tracked_masks`, with what else a tracker is told."""
+    part, scale, body = _again(scene, result, positions)
+    return part.observations(scale, body=body)
+
+
+def _again(scene: Scene, result: Result, positions: Sequence[int] | None) -> tuple[Scene, float, BodyMasks | None]:
+    """The frames at ``positions`` as a scene, the masks' scale, and where the body was before each of them."""
     scale = float(result.config.get("scale", 1.0))
     positions = range(len(result.frame_numbers)) if positions is None else positions
     tracked = result.pose if result.raw_pose is None else result.raw_pose
@@ -59,4 +72,4 @@ def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None 
         def body() -> ViewMasks:
             return silhouettes_of(next(last_poses))
 
-    return scene.of_frames(as_range(result.frame_numbers[list(positions)].tolist())).masks(scale, body=body)
+    return scene.of_frames(as_range(result.frame_numbers[list(positions)].tolist())), scale, body

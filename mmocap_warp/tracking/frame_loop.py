@@ -27,7 +27,7 @@ from mmocap_warp.masks.repeats import repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.frame_choice import read_ahead
-from mmocap_warp.tracking.body_masks import body_silhouettes, tracked_masks
+from mmocap_warp.tracking.body_masks import body_silhouettes, tracked_observations
 from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.evidence import with_evidence
@@ -167,7 +167,7 @@ def track(
         again = range(max(0, done - ceil(HOLE_SECONDS * scene.rate)), done)
         if again:
             begun = collect(subject, rig, scene.fps, config, answers, scene.frames[:done])
-            earlier = scene.observed(tracked_masks(scene, begun, again), config.scale, again.start)
+            earlier = tracked_observations(scene, begun, again)
             observations = chain(earlier, observations)
         poses = [answers[number].pose for number in again]
 
@@ -182,9 +182,7 @@ def track(
         # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
         # no room for, are read again.
         def masks() -> Iterable[Observation]:
-            return read_ahead(
-                kept if len(kept) == len(answers) else scene.observed(tracked_masks(scene, result), config.scale)
-            )
+            return read_ahead(kept if len(kept) == len(answers) else tracked_observations(scene, result))
 
         return _finished(result, config, masks, smooth_progress)
 

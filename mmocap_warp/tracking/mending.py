@@ -22,7 +22,7 @@ from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.scene.recording import Scene
-from mmocap_warp.tracking.body_masks import tracked_masks
+from mmocap_warp.tracking.body_masks import tracked_observations
 from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.pins import Pins
@@ -112,8 +112,7 @@ def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> lis
     """The masks of some frames as the track saw them: without the views that were frozen."""
     frozen = result.config.get("frozen_views", {})
     numbers, names = result.frame_numbers[list(positions)].tolist(), result.cameras.names
-    part = scene.of_frames(range(numbers[0], numbers[-1] + 1, numbers[1] - numbers[0]))
-    seen = part.observed(tracked_masks(scene, result, positions), float(result.config.get("scale", 1.0)))
+    seen = tracked_observations(scene, result, positions)
     left_out = [np.array([number in frozen.get(name, ()) for name in names]) for number in numbers]
     return [each.without(views) for each, views in zip(seen, left_out, strict=True)]
 

@@ -160,7 +160,7 @@ def test_who_is_followed_from_a_known_pose_is_not_the_larger_one(scene) -> None:
         replace(scene, foreground=replace(scene.foreground, join=1.0, keep=keep)) for keep in ("all", "nearest")
     )
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(type(scene), "_raw_masks", lambda self, k, scale, read: (with_other[f][k] for f in read))
+        patched.setattr(type(scene), "_raw_masks", lambda self, k, scale, read, _: ([with_other[f][k]] for f in read))
         followed, alone, others = (
             few_masks(each, 10_000, start)[1] for each, start in ((near, subject()), (near, None), (scene, subject()))
         )

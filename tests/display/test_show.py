@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -8,14 +9,19 @@ from synthetic import ring_rig, synthetic_result
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cameras.silhouette import silhouette, silhouettes
+from mmocap_warp.commands.show import _people
+from mmocap_warp.display import overlay as overlay_file
 from mmocap_warp.display.overlay import (
     ELLIPSE,
+    INK,
     LEFT_COLOUR,
     MASK_COLOUR,
     MODEL_COLOUR,
     PAPER,
     RIGHT_COLOUR,
     SIGMA_COLOUR,
+    Look,
+    ViewedBody,
     Window,
     draw_view,
     write_text,
@@ -23,6 +29,7 @@ from mmocap_warp.display.overlay import (
 from mmocap_warp.display.result_video import Layout, overlay, show, show_subject, video_layout
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks.mask_settings import ForegroundSettings
+from mmocap_warp.scene.mask_writing import TINTS
 
 
 def small_result(frames=4, cameras=3):
@@ -106,6 +113,65 @@ def test_a_video_has_no_more_pixels_than_a_screen(tmp_path, cameras, size):
         assert frame.shape[0] <= 1080
 
 
+def test_people_have_colours_and_names_of_their_own(tmp_path, monkeypatch):
+    first = replace(small_result(frames=2, cameras=2), joint_sigma=None)
+    second = replace(first, pose=first.pose + np.r_[0.5, np.zeros(first.pose.shape[-1] - 1)])
+    written, write = [], overlay_file.write_text
+
+    def told(canvas, text, *rest):
+        written.append(text)
+        return write(canvas, text, *rest)
+
+    monkeypatch.setattr(overlay_file, "write_text", told)
+    looks = [Look("anna", (31, 210, 255)), Look("ben", (80, 200, 60))]
+    files = {"video": tmp_path / "o.webm", "sheet": tmp_path / "o.png", "strip": tmp_path / "o.webp"}
+    people = [(look, each, masks_of(each)) for look, each in zip(looks, (first, second), strict=True)]
+    show(first, None, None, people=people, **files)
+    sheet, (_, strip) = cv2.imread(str(files["sheet"])), cv2.imreadanimation(str(files["strip"]))
+    for picture in (sheet, strip.frames[0][..., :3]):
+        for colour in (looks[0].colour, looks[1].colour, INK):
+            assert (np.abs(picture.astype(int) - colour).max(axis=2) < 60).any()
+    for colour in (LEFT_COLOUR, RIGHT_COLOUR, MODEL_COLOUR):  # of one who is alone
+        assert not (sheet == colour).all(axis=2).any()
+    assert {text.split()[0] for text in written} == {"anna", "ben"}
+    assert {"anna", "ben"} < set(written)  # without numbers in the strip
+    assert f"ben {second.iou[0, 0, 1]:.3f}" in written
+    # The video shows all of both.
+    alone, both = (video_layout(first, others=others).windows[0].extent for others in ([], [second]))
+    assert both[0] * both[1] > alone[0] * alone[1]
+
+
+def test_colours_are_those_of_the_masks_overlay():
+    """A person's by the place in the scene, as masks are tinted, whoever is shown first; else in turn."""
+    scene, tracked = SimpleNamespace(people={"anna": None, "ben": None}), small_result(1)
+    ben, anna = (replace(tracked, config={**tracked.config, "person": name}) for name in ("ben", "anna"))
+    assert [look for look, *_ in _people([(ben, scene), (anna, scene)])] == [
+        Look("ben", TINTS[1]),
+        Look("anna", TINTS[0]),
+    ]
+    assert _people([(tracked, None)] * 5)[4][0] == Look("person5", TINTS[0])
+    assert _people([(ben, scene)]) == []
+
+
+def test_who_is_nearer_is_drawn_over_the_other_and_no_name_over_another():
+    result = small_result(frames=1, cameras=1)
+    poser = Poser(result.subject.body, result.subject.root_base)
+    (pixels,) = project(result.cameras, poser.tracking_vertices(result.pose[0])[0])
+    (joints,) = project(result.cameras, poser.joint_transforms(result.pose[0])[0][:, :3, 3])
+    window = Window((0, 0), (160, 120), (640, 480))
+    near, far = (
+        ViewedBody(result.subject.body, None, pixels, joints, None, Look(name, colour), depth)
+        for name, colour, depth in (("near", (31, 210, 255), 1.0), ("far", (80, 200, 60), 2.0))
+    )
+    views = [draw_view(window, (160, 120), None, bodies) for bodies in ([near, far], [far, near])]
+    np.testing.assert_array_equal(*views)
+    x, y = np.rint(window.points(joints[1:2])[0]).astype(int)
+    np.testing.assert_allclose(views[0][y, x], near.look.colour, atol=20)
+    above = views[0][: int(window.points(pixels)[:, 1].min()) + 20].astype(int)
+    for look in (near.look, far.look):
+        assert (np.abs(above - look.colour).max(axis=2) < 20).any()
+
+
 def test_a_slow_video_and_an_animated_strip(tmp_path):
     result = small_result(frames=8, cameras=2)
     show(result, None, None, video=tmp_path / "o.webm", strip=tmp_path / "o.webp", slow=4.0)
@@ -183,7 +249,8 @@ def test_a_view_shows_skin_contours_and_skeleton():
     model = silhouette(vertices, faces, (640, 480)) > 0
     mask = np.roll(model, 40, axis=1)
     window = Window((0, 0), (640, 480), (640, 480))
-    view = draw_view(window, (640, 480), None, mask, vertices, faces, joints, subject.body.skeleton).astype(int)
+    body = ViewedBody(subject.body, mask, vertices, joints)
+    view = draw_view(window, (640, 480), None, [body]).astype(int)
 
     def drawn(colour, tolerance=40):
         return np.abs(view - colour).max(axis=2) < tolerance

@@ -10,6 +10,7 @@ from small_scene import FRAMES, SCENE, make_scene
 from mmocap_warp.calibration.first_look import FirstLook
 from mmocap_warp.commands.inputs import look_first, scene_from, scene_of, scene_reference
 from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.masks import mask_files
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.scene.scene_toml import load_scene
 
@@ -54,6 +55,19 @@ def test_a_thing_and_what_is_ignored_may_be_in_front_of_the_person(folder):
     own, hidden = seen(scene)
     assert own.sum(axis=(1, 2)).tolist() == [30 * 14 - 10 * 10] * 3
     assert hidden.sum(axis=(1, 2)).tolist() == [14 * 12, 14 * 12, 14 * 12 + 30 * 14]
+
+
+def test_an_image_is_read_once_for_a_person_and_for_what_hides_them(folder, monkeypatch):
+    scene = scene_with(folder, PEOPLE + "[labels]\nthing = 3\n").of_person("anna")
+    read, decode = [], mask_files.decode_mask_image
+    monkeypatch.setattr(mask_files, "decode_mask_image", lambda *image: read.append(1) or decode(*image))
+    both, alone = list(scene.observations(first=1)), list(scene.masks(first=1))
+    assert len(read) == 2 * 3 * (FRAMES - 1)
+    *_, in_front = scene.hidden(1.0)
+    for of_frame, masks in zip(both, alone, strict=True):
+        again = Observation.from_masks(masks, None, in_front)
+        np.testing.assert_array_equal(of_frame.words, again.words)
+        np.testing.assert_array_equal(of_frame.hidden, again.hidden)
 
 
 @pytest.mark.parametrize(("gap", "hides"), [(8, True), (9, False)])

@@ -73,15 +73,14 @@ function cells(size, sizes) {
   });
 }
 
-// Draws the skeleton over a small picture, without WebGL.
-function drawBones(canvas, pinhole, body, joints, colours) {
+// Draws skeletons over a small picture, without WebGL; each is a body, its joints, and colours.
+function drawBones(canvas, pinhole, skeletons) {
   const context = canvas.getContext("2d");
   context.clearRect(0, 0, canvas.width, canvas.height);
-  if (!joints) return;
   const seen = pinhole.within([canvas.width, canvas.height]);
   context.lineWidth = 3;
   context.lineCap = "round";
-  body.parent.forEach((parent, j) => {
+  for (const [body, joints, colours] of skeletons) body.parent.forEach((parent, j) => {
     const [from, to] = [parent, j].map((i) => (i < 0 ? null : seen.pixel(placeOf(joints, i))));
     if (!from || !to) return;
     context.strokeStyle = colours[body.side[j]];

@@ -2,6 +2,10 @@ const content = JSON.parse(document.getElementById("content").textContent);
 const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((made) => [made.id, made]));
 const { body, cameras, frames, fps } = content;
 const joints = new Float32Array(8 * body.joints.length);
+// Who is shown, the best run of each of the others; only where there are others do they have names and colours.
+const people = [{ ...content.person, body, joints }, ...content.others.map((other) => ({
+  ...other, joints: new Float32Array(8 * other.body.joints.length), track: new Track(other.motion, other.body.joints.length),
+}))];
 const pinholes = cameras.map((camera) => Pinhole.of(camera));
 const seconds = frames.map((number) => (number - frames[0]) / fps);
 const last = frames.length - 1;
@@ -133,7 +137,8 @@ class Tile {
   }
 
   show(i, overlap, keep) {
-    drawBones(this.bones, this.pinhole, body, part.skeleton.checked && joints, content.onPictures);
+    drawBones(this.bones, this.pinhole, part.skeleton.checked ? people.map(({ body: of, joints: at, colour }) => (
+      [of, at, colour ? sides(colour) : content.onPictures])) : []);
     if (this.tint) this.tint.hidden = !part.mask.checked;
     for (const [kind, picture] of Object.entries(keep ? {} : this.pictures)) {
       const number = Math.floor(i / content.every[kind]);
@@ -155,6 +160,7 @@ const style = (name) => hex(getComputedStyle(document.documentElement).getProper
 const table = [0, 1].map((i) =>
   Object.fromEntries(Object.entries(content.colours).map(([name, both]) => [name, hex(both[i])])));
 content.onPictures = Object.fromEntries(Object.entries(content.colours).map(([name, both]) => [name, both[1]]));
+const sides = (colour) => ({ left: colour, right: colour, middle: colour });
 let colours, bright;
 function readColours() {
   const page = Object.fromEntries(["plate", "grid", "soft", "accent"].map((name) => [name, style(name)]));
@@ -166,7 +172,8 @@ const dark = matchMedia("(prefers-color-scheme: dark)");
 
 let orbit;
 function placeView() {
-  const [low, high] = track().extent();
+  const corners = [track(), ...content.others.map((_, i) => people[i + 1].track)].map((each) => each.extent());
+  const [low, high] = [Math.min, Math.max].map((most, i) => [0, 1, 2].map((axis) => most(...corners.map((of) => of[i][axis]))));
   const middle = add(low, high).map((value) => value / 2);
   const radius = Math.max(Math.hypot(...add(high, low, -1)) / 2, 0.1);
   const front = turning(track().at(0, joints)).map((row) => row[2]); // where the body's +Z points in the first frame
@@ -193,7 +200,7 @@ function gridLines() {
 }
 
 function skeletonLines(of = colours) {
-  return boneLines(body, joints, of);
+  return people.flatMap(({ body: own, joints: at, colour }) => boneLines(own, at, colour ? sides(hex(colour)) : of));
 }
 
 function cameraLines(corners, eye, chosen) {
@@ -237,8 +244,9 @@ function drawView({ camera, pinhole, left, top }, high) {
     stage.drawLines(cameraLines(corners, pinholes[camera].eye, true), false);
   }
   if (part.mesh.checked) {
-    stage.drawSkin(joints, add(pinhole.R[2], content.up, -0.6).map((v, i, a) => -v / Math.hypot(...a)),
-      [...of.model, free ? 1 : 0.6], slow() ? stage.coarse : stage.fine);
+    const light = add(pinhole.R[2], content.up, -0.6).map((v, i, a) => -v / Math.hypot(...a));
+    people.forEach(({ joints: at, colour }, i) => stage.drawSkin(at, light,
+      [...(colour ? hex(colour) : of.model), free ? 1 : 0.6], slow() ? "coarse" : "fine", i));
   }
   if (part.skeleton.checked) {
     stage.drawLines(skeletonLines(of), false);
@@ -281,8 +289,21 @@ function placeLabels(ratio) {
   });
   apart(named.filter(({ at }) => at), ratio);
   for (const { label, at } of named) put(label, at);
+  for (const old of part.labels.querySelectorAll(".person, .cross")) old.remove();
+  // Names of people over their highest joints.
+  for (const each of content.others.length ? views : []) {
+    for (const { name, colour, body: own, joints: at } of people) {
+      const places = own.joints.map((_, j) => placeOf(at, j));
+      const highest = places.reduce((a, b) => (dot(a, content.up) > dot(b, content.up) ? a : b));
+      const pixel = each.pinhole.pixel(add(highest, content.up, 0.2));
+      if (!pixel || pixel.some((value, axis) => value < 0 || value > each.pinhole.size[axis])) continue;
+      const label = element("span", { className: "person", textContent: name });
+      label.style.color = colour;
+      part.labels.append(label);
+      put(label, [pixel[0] + each.left, pixel[1] + each.top]);
+    }
+  }
   // Crosses of the frame's pins.
-  for (const old of part.labels.querySelectorAll(".cross")) old.remove();
   if (part.pins.hidden) return;
   for (const each of views.filter(({ camera }) => camera !== null)) {
     for (const { joint, at } of pins.crosses(frames[frame()], each)) {
@@ -383,6 +404,7 @@ function show() {
   part.where.textContent = `Frame ${frames[i]}, ${seconds[i].toFixed(2)} s, ${content.statuses[run.status[i]]}`;
   part.slider.setAttribute("aria-valuetext", part.where.textContent);
   track().at(state.position, joints);
+  for (const other of people.slice(1)) other.track.at(state.position, other.joints);
   renewPictures(i, seen);
   part.age.textContent = tiles[state.through === ALL ? 0 : state.through]?.age.textContent ?? "";
   for (const curve of curves) curve.show(i, trackName());
@@ -502,9 +524,14 @@ part.free.addEventListener("click", () => lookThrough(null));
 part.play.form.addEventListener("submit", (event) => event.preventDefault());
 
 try {
-  stage = new Stage(part.world, body);
+  stage = new Stage(part.world, ...people.map((each) => each.body));
 } catch {
   part.trouble.hidden = false;
+}
+if (content.others.length) { // people's colours are not those of a body and its sides
+  for (const swatch of document.querySelectorAll(".layers .model, .layers .left, .layers .right, .layers .middle")) swatch.remove();
+  part.skeleton.parentElement.replaceChildren(part.skeleton, "Skeleton");
+  document.documentElement.style.setProperty("--mask", content.colours.mask[1]);
 }
 const tiles = cameras.map((camera, k) => new Tile(camera, k));
 part.cameras.append(...tiles.map((tile) => element("li", {}, [tile.button])));

@@ -15,7 +15,7 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.display.chart import COLOURS
-from mmocap_warp.display.overlay import ELLIPSE
+from mmocap_warp.display.overlay import ELLIPSE, Look
 from mmocap_warp.formats.image_files import encode_png
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.pose_errors import nanmean
@@ -84,11 +84,12 @@ class Pictures:
         return cls([pictures[::every] for pictures in of], every)
 
 
-def pose_step(result: Result) -> int:
-    """The stride of the frames whose poses a page has room for."""
+def pose_step(result: Result, others: Sequence[Result] = ()) -> int:
+    """The stride of the frames whose poses a page has room for, of the others those of their best runs."""
     runs, frames, _ = result.pose.shape
-    tracks = runs * (1 if result.raw_pose is None else 2)
-    return max(1, -(-frames * tracks * len(result.subject.body.skeleton.joints) * _JOINT_BYTES // _POSE_BYTES))
+    moving = runs * (1 if result.raw_pose is None else 2) * len(result.subject.body.skeleton.joints)
+    moving += sum(len(other.subject.body.skeleton.joints) for other in others)
+    return max(1, -(-frames * moving * _JOINT_BYTES // _POSE_BYTES))
 
 
 def sentence(rate: float, step: int, masks: Pictures | None, images: Pictures | None) -> str:
@@ -105,6 +106,7 @@ def _frames(step: int) -> str:
 
 
 _UNKNOWN = 65535  # in the place of a coordinate that is not known
+_MASKS_OF_PEOPLE = ("#8a9099", "#8a9099")  # the colour of no person
 _ROTATION_STEPS = 32767  # steps of a quaternion's component from 0 to 1
 Packed = dict[str, Any]  # what JSON can say
 
@@ -156,11 +158,13 @@ def content(
     images: Pictures | None = None,
     joint_set: JointSet | None = None,
     recorded: CameraRig | None = None,
+    people: Sequence[tuple[Look, Result]] = (),
 ) -> dict[str, Any]:
     """The page's data: all frames of a result, errors against a truth, masks and images where there are some.
 
     The points of a joint set are those of the track as it is, not of that before it was smoothed. ``recorded`` are the
-    cameras with their lenses, at full size: joints can be pinned in their pixels.
+    cameras with their lenses, at full size: joints can be pinned in their pixels. Where there are several
+    ``people``, the result's own is the first, and the others are shown by their best runs.
 
     Raises:
         InputError: the truth is of another recording.
@@ -173,13 +177,22 @@ def content(
         "frames": result.frame_numbers.tolist(),
         "every": {"masks": masks.every if masks else 1, "images": images.every if images else 1},
         "statuses": list(STATUS),
-        "colours": COLOURS,
+        "colours": COLOURS | ({"mask": _MASKS_OF_PEOPLE} if people else {}),
         "deviations": ELLIPSE,
         "truth": None if truth is None else _truth(result, truth),
         "best": result.best_run,
         "runs": _runs(result, truth),
+        "person": _look(people[0][0]) if people else None,
+        "others": [
+            _look(look) | {"body": body_content(of.subject.body), "motion": _motion(of, of.pose[of.best_run])}
+            for look, of in people[1:]
+        ],
         **({} if joint_set is None else {"points": _points(result, joint_set)}),
     }
+
+
+def _look(look: Look) -> dict[str, str]:
+    return {"name": look.name, "colour": "#" + bytes(reversed(look.colour)).hex()}
 
 
 def body_content(body: BodyModel) -> dict[str, Any]:

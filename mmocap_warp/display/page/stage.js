@@ -75,14 +75,14 @@ void main() {
 }`;
 
 class Stage {
-  constructor(canvas, body) {
+  constructor(canvas, ...bodies) {
     const gl = canvas.getContext("webgl2", { antialias: true });
     if (!gl) throw new Error("WebGL 2 is missing");
     this.gl = gl;
     this.skin = this.program(SKIN, SHADE);
     this.line = this.program(LINE, TINT);
     this.picture = this.program(PICTURE, PRINT);
-    this.loadBody(body);
+    this.bodies = bodies.map((body) => this.loadBody(body));
     this.loadLines();
     this.bare = gl.createVertexArray();
     gl.enable(gl.BLEND);
@@ -124,21 +124,19 @@ class Stage {
   loadBody(body) {
     const { gl } = this;
     const vertex = unpack(body.vertex), triangle = unpack(body.triangle), rest = unpack(body.rest);
-    this.body = gl.createVertexArray();
-    gl.bindVertexArray(this.body);
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
     this.attribute(0, vertex, 3, gl.FLOAT);
     this.attribute(1, normals(vertex, triangle), 3, gl.FLOAT);
     this.attribute(2, unpack(body.influence), 4, gl.UNSIGNED_SHORT, { whole: true });
     this.attribute(3, unpack(body.weight), 4, gl.UNSIGNED_SHORT);
-    [this.fine, this.coarse] = [triangle, unpack(body.coarse)].map((corners) => {
+    const [fine, coarse] = [triangle, unpack(body.coarse)].map((corners) => {
       const buffer = gl.createBuffer();
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
       gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
       return { buffer, count: corners.length, kind: corners.BYTES_PER_ELEMENT === 2 ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT };
     });
-    this.jointRest = rest;
-    this.jointRows = new Float32Array(12 * body.joints.length);
-    this.jointTexture = this.texture(gl.NEAREST);
+    return { array, fine, coarse, rest, rows: new Float32Array(12 * body.joints.length), texture: this.texture(gl.NEAREST) };
   }
 
   loadLines() {
@@ -193,23 +191,23 @@ class Stage {
     return uniforms;
   }
 
-  // `joints` (joint, 8) as Track.at writes them; `light` is where it comes from; `mesh` is `fine` or `coarse`.
-  drawSkin(joints, light, colour, mesh) {
-    const { gl } = this;
+  // `joints` (joint, 8) as Track.at writes them; `light` is where it comes from; `mesh` is `fine` or `coarse`; of which body.
+  drawSkin(joints, light, colour, mesh, which = 0) {
+    const { gl } = this, { array, rest, rows, texture, [mesh]: { buffer, kind, count: corners } } = this.bodies[which];
     const count = joints.length / 8;
     for (let j = 0; j < count; j++) {
-      const from = this.jointRest.subarray(3 * j, 3 * j + 3);
+      const from = rest.subarray(3 * j, 3 * j + 3);
       turning(joints.subarray(8 * j, 8 * j + 4)).forEach((row, i) => {
-        this.jointRows.set([...row, joints[8 * j + 4 + i] - dot(row, from)], 12 * j + 4 * i);
+        rows.set([...row, joints[8 * j + 4 + i] - dot(row, from)], 12 * j + 4 * i);
       });
     }
-    const uniforms = this.use(this.skin, this.body, true);
-    gl.bindTexture(gl.TEXTURE_2D, this.jointTexture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 3, count, 0, gl.RGBA, gl.FLOAT, this.jointRows);
+    const uniforms = this.use(this.skin, array, true);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 3, count, 0, gl.RGBA, gl.FLOAT, rows);
     gl.uniform3fv(uniforms.light, light);
     gl.uniform4fv(uniforms.colour, colour);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, mesh.buffer);
-    const triangles = () => gl.drawElements(gl.TRIANGLES, mesh.count, mesh.kind, 0);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
+    const triangles = () => gl.drawElements(gl.TRIANGLES, corners, kind, 0);
     if (colour[3] < 1) { // the nearest surface alone, not those behind it
       gl.colorMask(false, false, false, false);
       triangles();

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -16,8 +16,11 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+import numpy as np
+
 from mmocap_warp.body.joint_sets import JointSet
 from mmocap_warp.display.chart import colour_rules
+from mmocap_warp.display.overlay import Look
 from mmocap_warp.display.page.page_content import Views, content, pose_step, sentence, small_images, small_masks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.result.result import Result
@@ -60,28 +63,35 @@ def view(
     images: bool = False,
     joint_set: JointSet | None = None,
     name: str = "Tracked motion",
+    people: Sequence[tuple[Look, Result, Scene | None]] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Page:
     """A page to look at a result with: body, cameras, what they saw, and curves, at any time and from any side.
 
     Without a scene it shows no masks, without truth no errors. ``progress`` is called after each frame whose masks were
-    read with how many are done, of how many.
+    read with how many are done, of how many. Where several ``people`` are shown, the result's own is the first; the
+    others' have the same frames, and each has the scene of that person.
 
     Raises:
         InputError: the scene or the truth is of another recording, or an image cannot be read.
     """
-    step = pose_step(result)
+    step = pose_step(result, [other for _, other, _ in people[1:]])
     positions = range(0, len(result.frame_numbers), step)
     shown = result.at(positions)
     masks = pictures = None
     if scene is not None:
         check_same_recording(result, scene)
         cameras = len(result.cameras)
-        masks = small_masks(_with_progress(tracked_masks(scene, result, positions), len(positions), progress), cameras)
+        others = [tracked_masks(of, other, positions) for _, other, of in people[1:] if of is not None]
+        of_people = zip(tracked_masks(scene, result, positions), *others, strict=True)
+        together = ([np.logical_or.reduce(each) for each in zip(*views, strict=True)] for views in of_people)
+        masks = small_masks(_with_progress(together, len(positions), progress), cameras)
         if images:
             scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
             seen = scene.of_frames(as_range(shown.frame_numbers.tolist()))
             pictures = small_images(seen.images(scale), cameras)
+    calibrated = None if scene is None else scene.calibrated
+    shown_people = [(look, each.at(positions)) for look, each, _ in people]
     html = filled(
         resource(_HERE, "page.html"),
         title=name,
@@ -90,9 +100,7 @@ def view(
         summary=escape(_summary(result)),
         holds=escape(sentence(shown.rate, step, masks, pictures)),
         version=escape(__version__),
-        content=embedded(
-            content(shown, truth, masks, pictures, joint_set, None if scene is None else scene.calibrated)
-        ),
+        content=embedded(content(shown, truth, masks, pictures, joint_set, calibrated, shown_people)),
     )
     return Page(html, len(result.frame_numbers))
 

@@ -44,7 +44,7 @@ def mend_mask(mask: np.ndarray, settings: ForegroundSettings, scale: float) -> n
         if size:
             part, side = around(m, _odd(size * scale)), _odd(size * scale)
             m[part] ^= opens
-            m[part] = 1 - dilated(1 - dilated(m[part], side), side)
+            m[part] = closed(m[part], side)
             m[part] ^= opens
     if settings.fill_holes:
         area = settings.fill_holes * scale**2
@@ -162,6 +162,11 @@ def dilated(mask: np.ndarray, diameter: int) -> np.ndarray:
             runs[:, :-reach] |= padded[:, reach:]
         result |= runs[row : row + height, radius : radius + width]
     return result
+
+
+def closed(mask: np.ndarray, diameter: int) -> np.ndarray:
+    """A mask as :func:`dilated` takes it, dilated and then eroded: gaps narrower than the disc are filled."""
+    return 1 - dilated(1 - dilated(mask, diameter), diameter)
 
 
 def _disc(diameter: float) -> np.ndarray:

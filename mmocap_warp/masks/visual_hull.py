@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.masks.cleanup import around, dilated
+from mmocap_warp.masks.cleanup import around, closed
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
 _COARSE_SPACING = 0.10  # first grid [m]; bodies are found on it, then carved finely
@@ -185,12 +185,12 @@ def _repair(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], 
     rows, columns = near = around(mask.view(np.uint8), max(diameters))
     repaired = mask[near]
     for (width, thickness), diameter in zip(_GAPS, diameters, strict=True):
-        closed = 1 - dilated(1 - dilated(repaired.view(np.uint8), diameter), diameter)
-        closed = closed.view(bool)
+        filled = closed(repaired.view(np.uint8), diameter).view(bool)
         if width == _GAPS[-1][0]:
-            closed = fill_enclosed(closed)
-        row, column = np.nonzero(closed & ~repaired)
-        count, label = cv2.connectedComponents((closed & ~repaired).view(np.uint8), connectivity=4)
+            filled = fill_enclosed(filled)
+        gaps = filled & ~repaired
+        row, column = np.nonzero(gaps)
+        count, label = cv2.connectedComponents(gaps.view(np.uint8), connectivity=4)
         hole = label[row, column]
         pixels = np.stack([column + columns.start, row + rows.start], axis=1)
         thick = hull_thickness(rig, masks, k, others, pixels, depth)[np.argsort(hole, kind="stable")]

@@ -83,11 +83,13 @@ def _opened(before: Observation, seen: Observation, place: int, rate: float, bod
     holes = []
     smaller = before.foreground - seen.foreground
     for k in np.flatnonzero((before.foreground > 0) & (seen.foreground > 0) & (smaller > 0)).tolist():
-        gone = before.words[k] & ~seen.words[k]
-        vanished = int(np.bitwise_count(gone).sum())
         rows, words = (np.flatnonzero(before.words[k].any(axis=axis)) for axis in (1, 0))
         radius = max(_RADIUS, _FASTEST / rate) * max(np.ptp(rows), 32 * np.ptp(words))
-        if smaller[k] < max(_SMALLER * vanished, np.pi * radius**2):
+        if smaller[k] < np.pi * radius**2:  # nearly always: what follows is for few frames
+            continue
+        gone = before.words[k] & ~seen.words[k]
+        vanished = int(np.bitwise_count(gone).sum())
+        if smaller[k] < _SMALLER * vanished:
             continue
         deep = cv2.distanceTransform(_unpacked(gone).view(np.uint8), cv2.DIST_L2, 5) > radius
         if deep.any():

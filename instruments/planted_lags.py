@@ -17,7 +17,8 @@ import numpy as np
 
 from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
 from mmocap_warp.masks.mask_files import MaskImages
-from mmocap_warp.scene.recording import CameraSource, Scene
+from mmocap_warp.scene.camera_source import CameraSource
+from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.degradations import write_sequence
 from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS

@@ -22,8 +22,9 @@ from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.table import read_calibration, read_lenses
 from mmocap_warp.masks.frames import Frames, as_colour, open_frames
+from mmocap_warp.scene.camera_source import CameraSource
 from mmocap_warp.scene.frame_choice import frames_by_number
-from mmocap_warp.scene.recording import CameraSource, Scene
+from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.whole_file import write_whole
 

@@ -17,8 +17,9 @@ from mmocap_warp.masks.cleanup import clean_mask, rivals
 from mmocap_warp.masks.mask_image import Labels, decode_mask
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.scene.camera_source import CameraSource
 from mmocap_warp.scene.frame_choice import FrameChoice
-from mmocap_warp.scene.recording import CameraSource, Scene
+from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 
 Frames: TypeAlias = str | int | range | None

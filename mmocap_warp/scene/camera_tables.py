@@ -18,8 +18,8 @@ from mmocap_warp.formats.table import read_calibration, read_lenses
 from mmocap_warp.formats.toml_table import Table, is_number
 from mmocap_warp.masks.frames import VideoFile, open_frames, open_image
 from mmocap_warp.masks.mask_files import open_masks
+from mmocap_warp.scene.camera_source import CameraSource, split_offset
 from mmocap_warp.scene.kept_masks import read_mark
-from mmocap_warp.scene.recording import CameraSource, split_offset
 from mmocap_warp.whole_file import file_name, read_text, write_whole
 
 RATE_TOLERANCE = 0.005

@@ -9,7 +9,8 @@ from pathlib import Path
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table
 from mmocap_warp.masks.mask_settings import ForegroundSettings
-from mmocap_warp.scene.recording import CameraSource, Person
+from mmocap_warp.scene.camera_source import CameraSource
+from mmocap_warp.scene.recording import Person
 from mmocap_warp.whole_file import file_name
 
 _ROLES = ("person", "thing", "ignore")

@@ -16,8 +16,9 @@ from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import WebmFile, write_png
 from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
 from mmocap_warp.masks.people import UNDECIDED
+from mmocap_warp.scene.camera_source import CameraSource
 from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
-from mmocap_warp.scene.recording import CameraSource, Scene
+from mmocap_warp.scene.recording import Scene
 from mmocap_warp.whole_file import file_name, write_whole
 
 TINTS = ((31, 210, 255), (80, 200, 60), (230, 120, 200), (220, 200, 40))  # BGR, of people in turn

@@ -18,11 +18,12 @@ from mmocap_warp.masks.frames import Frames
 from mmocap_warp.masks.mask_files import Masks
 from mmocap_warp.masks.mask_image import Labels, decode_mask, identities_of
 from mmocap_warp.masks.mask_settings import BACKGROUNDS, GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
+from mmocap_warp.scene.camera_source import CameraSource, recorded_frames
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.kept_masks import MARK_NAME, MaskMark, calibration_hash
 from mmocap_warp.scene.label_tables import read_people, take_body, take_file, with_labels
-from mmocap_warp.scene.recording import CameraSource, Person, Scene, recorded_frames
+from mmocap_warp.scene.recording import Person, Scene
 
 _WAYS_TO_MASKS = (
     "add masks, got in one of three ways: mmocap mask SCENE --with mediapipe (or another program, such as rembg or "

@@ -22,7 +22,8 @@ from mmocap_warp.code_hash import code_hash
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import FrameAnswer
-from mmocap_warp.scene.recording import CameraSource, Scene
+from mmocap_warp.scene.camera_source import CameraSource
+from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import TrackState
 from mmocap_warp.version import __version__

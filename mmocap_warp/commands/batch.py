@@ -176,7 +176,7 @@ class BatchRun:
     """Where a batch stands after a run."""
 
     page: Path  # the HTML page, a row for each recording
-    status: Status  # of the recordings: how many are done, and how fast
+    status: Status  # of the recordings and their persons: how many are done, and how fast
     # what is known of every recording that is done: its ``name``, ``scene``, ``frames``, ``seconds``, and the figures
     # of its evaluation
     trials: list[dict[str, Any]]
@@ -240,20 +240,9 @@ def batch(
     for name, problem in failures.items():
         reporter.warn(f"{name}: given up: {problem}")
 
-    def run(tasks: list[TrialTask], spent: float = 0.0) -> Status:
-        left = None if minutes is None else max(0.0, 60.0 * minutes - spent)
-        return run_jobs(tasks, start, show or (lambda status: None), reporter.warn, left)
-
-    # Persons first: their recordings start from their bodies.
-    first = run(people) if people else None
-    unfitted = first.failures if first else {}
-    for task in trials:
-        person = task.job.body.parent.name if task.job.body else None
-        if person in unfitted:
-            failures[task.job.name] = f"{person} could not be fitted: {unfitted[person]}"
-    trials = [task for task in trials if task.name not in failures]
-    status = run(trials, first.seconds if first else 0.0)
-    failures |= status.failures
+    seconds = None if minutes is None else 60.0 * minutes
+    status = run_jobs([*people, *trials], start, show or (lambda status: None), reporter.warn, seconds)
+    failures |= {task.name: status.failures[task.name] for task in trials if task.name in status.failures}
     done = [task.check() for task in trials if task.name not in failures]
     page = folder / "index.html"
     write_whole(page, _page(folder.resolve().name, done, failures).encode())
@@ -335,7 +324,8 @@ def _planned(
         key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:20]
         where, body = folder / place / name, of and of.job.folder / "body.usdc"
         job = Trial(name, tuple(files[scene] for scene in scenes), where, key, settings, steps, body)
-        return TrialTask(job, where / f"done.{key}.json", name)
+        after = {"needs": of and of.name, "order": 1} if steps else {}
+        return TrialTask(job, where / f"done.{key}.json", name if steps else f"the body of {name}", **after)
 
     people: dict[str | None, TrialTask] = {}
     trials = []

@@ -259,4 +259,4 @@ def test_recordings_of_a_person_who_cannot_be_fitted_fail_and_the_others_go_on(m
         done = mm.batch([made / name for name in ("a/one", "b")], tmp_path / "out", steps="track", plan=plan)
     assert [each["name"] for each in done.trials] == ["b"]
     assert list(done.failures) == ["a/one"]
-    assert done.failures["a/one"].startswith("Anna could not be fitted: ")
+    assert done.failures["a/one"].startswith("the body of Anna failed: ")

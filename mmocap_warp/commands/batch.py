@@ -122,25 +122,31 @@ class TrialWorker:
             yield Refusal(" ".join(str(error).split()))
 
     def _fitted(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
-        """Write the body of a person: that of the recording whose masks a fit explains best."""
-        fits = []
+        """Write the body of a person: that of the recording whose masks a fit explains best, of those that can be."""
+        fits, problems = {}, []
         for number, scene in enumerate(job.scenes):
             yield Advance("fit", number, len(job.scenes), 0)
-            fits.append(track.fit(scene, **self._where | job.settings["fit"]))
-        costs = [float(subject.provenance["fit.cost"]) for subject in fits]
-        best = costs.index(min(costs))
+            try:
+                fits[str(scene)] = track.fit(scene, **self._where | job.settings["fit"])
+            except InputError as error:
+                problems.append(error)
+        if not fits:
+            raise problems[0]
+        best = min(fits, key=lambda scene: float(fits[scene].provenance["fit.cost"]))
         write_body(job.folder / "body.usdc", fits[best].body)
-        yield {"name": job.name, "scene": str(job.scenes[best])}
+        yield {"name": job.name, "scene": best}
 
     def _done(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
-        notes, started, settings = _Notes(), time.perf_counter(), job.settings
-        (scene,), result, subject = job.scenes, job.folder / "result.usdc", None
-        record: dict[str, Any] = {"name": job.name, "scene": str(scene), "notes": notes}
+        notes, started, settings, steps = _Notes(), time.perf_counter(), job.settings, dict[str, float]()
+        scene, result, subject = load_scene(*job.scenes), job.folder / "result.usdc", None
+        record: dict[str, Any] = {"name": job.name, "scene": str(scene.path), "notes": notes, "step_seconds": steps}
         for number, step in enumerate(job.steps):
             yield Advance(step, number, len(job.steps), 0)
-            if step == "mask" and load_scene(scene).foreground.source != "masks":
-                scene = mask.mask(scene, job.folder / "masks", force=True, reporter=notes, **settings["mask"]).scene
-            elif step == "fit" and (job.body or load_scene(scene).subject is None):
+            begun = time.perf_counter()
+            if step == "mask" and scene.foreground.source != "masks":
+                made = mask.mask(scene, job.folder / "masks", force=True, reporter=notes, **settings["mask"])
+                scene = load_scene(made.scene)
+            elif step == "fit" and (job.body or scene.subject is None):
                 subject, given = job.folder / "subject.usdc", self._where | settings["fit"]
                 if not subject.exists():
                     given |= {"rigid": True} if job.body else {}
@@ -159,7 +165,8 @@ class TrialWorker:
                 show.export(result, result.with_suffix(f".{step[7:]}"), force=True)
             elif step == "view":
                 show.view(result, scene, output=job.folder / "view.html", force=True, name=job.name, reporter=notes)
-                record["thumbnail"] = _thumbnail(read_result(result), load_scene(scene))
+                record["thumbnail"] = _thumbnail(read_result(result), scene)
+            steps[step] = time.perf_counter() - begun
         yield record | {"seconds": time.perf_counter() - started}
 
 

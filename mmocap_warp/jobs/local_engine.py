@@ -94,7 +94,11 @@ class LocalEngine(Engine):
     def _start(self, place: str) -> Seat:
         mine, its = self._context.Pipe()
         process = self._context.Process(target=self._serve, args=(its, place, self._threads), daemon=True)
-        process.start()
+        try:
+            process.start()
+        except (EOFError, OSError):  # the process that forks was killed meanwhile; another one is started
+            process = self._context.Process(target=self._serve, args=(its, place, self._threads), daemon=True)
+            process.start()
         its.close()  # so that its end closes when it dies
         return Seat(place, process, mine)
 

@@ -331,8 +331,8 @@ def _planned(
         key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:20]
         where, body = folder / place / name, of and of.job.folder / "body.usdc"
         job = Trial(name, tuple(files[scene] for scene in scenes), where, key, settings, steps, body)
-        after = {"needs": of and of.name, "order": 1} if steps else {}
-        return TrialTask(job, where / f"done.{key}.json", name if steps else f"the body of {name}", **after)
+        named, after = (name, {"needs": of and of.name, "order": 1}) if steps else (f"the body of {name}", {})
+        return TrialTask(job, where / f"done.{key}.json", named, kind=place, **after)
 
     people: dict[str | None, TrialTask] = {}
     trials = []

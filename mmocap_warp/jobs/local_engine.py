@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
@@ -93,12 +94,15 @@ class LocalEngine(Engine):
 
     def _start(self, place: str) -> Seat:
         mine, its = self._context.Pipe()
-        process = self._context.Process(target=self._serve, args=(its, place, self._threads), daemon=True)
-        try:
-            process.start()
-        except (EOFError, OSError):  # the process that forks was killed meanwhile; another one is started
+        for seconds in (0.1, 1.0, 5.0):
             process = self._context.Process(target=self._serve, args=(its, place, self._threads), daemon=True)
-            process.start()
+            try:
+                process.start()
+                break
+            except (EOFError, OSError):  # the process that forks is being killed; in its place another one is started
+                time.sleep(seconds)
+        else:
+            raise EngineLost("no process can be started here")
         its.close()  # so that its end closes when it dies
         return Seat(place, process, mine)
 

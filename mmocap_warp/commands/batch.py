@@ -144,8 +144,8 @@ class TrialWorker:
             yield Advance(step, number, len(job.steps), 0)
             begun = time.perf_counter()
             if step == "mask" and scene.foreground.source != "masks":
-                made = mask.mask(scene, job.folder / "masks", force=True, reporter=notes, **settings["mask"])
-                scene = load_scene(made.scene)
+                given = settings["mask"] | {"force": True, "reporter": notes}
+                scene = load_scene(mask.mask(scene, job.folder / "masks", **given).scene)
             elif step == "fit" and (job.body or scene.subject is None):
                 subject, given = job.folder / "subject.usdc", self._where | settings["fit"]
                 if not subject.exists():

@@ -289,7 +289,7 @@ class _Run:
         self._note(f"{task.name}: given up: {problem}")
         in_vain = [other for other in self._pending if other.needs == task.name]
         self._failures |= {task.name: problem} | {other.name: f"{task.name} failed: {problem}" for other in in_vain}
-        self._pending = [other for other in self._pending if other not in in_vain]
+        self._pending = [other for other in self._pending if other.needs != task.name]
 
     def _leave_the_rest(self, problem: str) -> None:
         self._note(f"{problem}; {len(self._pending) + len(self._at_work)} {self._noun}s are left for another run")

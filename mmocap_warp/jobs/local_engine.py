@@ -94,13 +94,17 @@ class LocalEngine(Engine):
 
     def _start(self, place: str) -> Seat:
         mine, its = self._context.Pipe()
-        for seconds in (0.1, 1.0, 5.0):
+        for seconds in (
+            0.0,
+            0.1,
+            1.0,
+            5.0,
+        ):  # what forks may be about to die of a kill; then another one takes its place
+            time.sleep(seconds)
             process = self._context.Process(target=self._serve, args=(its, place, self._threads), daemon=True)
-            try:
+            with suppress(EOFError, OSError):
                 process.start()
                 break
-            except (EOFError, OSError):  # the process that forks is being killed; in its place another one is started
-                time.sleep(seconds)
         else:
             raise EngineLost("no process can be started here")
         its.close()  # so that its end closes when it dies

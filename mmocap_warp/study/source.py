@@ -167,14 +167,13 @@ def _subject_file(scene: Scene) -> Path:
 def _images(scene: Scene, k: int) -> list:
     """Which frames camera ``k`` has: names relative to the scene and sizes, and how they are placed."""
     camera = scene.cameras[k]
-    sources = (camera.video, camera.masks, camera.clean_plate, camera.background)
-    named = [file for frames in sources if frames is not None for file in getattr(frames, "files", ()) or [frames.path]]
-    split = [os.path.split(file) for file in named]
-    folders = {
-        folder: Path(os.path.relpath(folder or ".", scene.directory)).as_posix() for folder in {of for of, _ in split}
-    }
-    names = [f"{folders[folder]}/{name}".removeprefix("./") for folder, name in split]
-    files = [(name, file.stat().st_size) for name, file in zip(names, named, strict=True)]
+    relative = cache(lambda folder: Path(os.path.relpath(folder, scene.directory)))
+    files = [
+        ((relative(file.parent) / file.name).as_posix(), file.stat().st_size)
+        for frames in (camera.video, camera.masks, camera.clean_plate, camera.background)
+        if frames is not None
+        for file in getattr(frames, "files", None) or (frames.path,)
+    ]
     resampled = [camera.rate] if camera.rate != 1.0 else []
     resampled += [camera.fraction] if camera.fraction else []
     return [files, camera.frame_offset, camera.recorded_scale, camera.recorded_offset, *resampled]

@@ -11,7 +11,9 @@ import numpy as np
 from mmocap_warp.formats.usd.usd_result import holds_result, read_result
 
 _PROGRESS = (".checkpoint", ".part")  # what a killed run leaves to be continued
-_SECONDS = re.compile(rb'"step_seconds": {[^}]*}|"seconds": [0-9.e-]+|[0-9]+ s<')  # of a batch's records and its page
+_SECONDS = re.compile(
+    rb'"step_seconds": {[^}]*}|"(evaluations_per_second|seconds)": [0-9.e+-]+|[0-9]+ s<'
+)  # of a batch's records and its page
 _FIELDS = ("pose", "cost", "iou", "evaluations", "status", "frame_numbers", "angle_sigma", "joint_sigma")
 
 

@@ -47,6 +47,7 @@ STEPS = ("mask", "fit", "track", "eval", "view")
 """The steps, in their order; before view there may be ``export:ENDING``."""
 
 _FITTED = 3  # trials of a person that are fitted; the one whose masks its fit explains best gives the body
+_KNOWN = {"rigid": True, "headings": 4, "evaluations": 300, "finalists": 1}  # a known body is found with less
 _SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
     kind: {each.name for each in fields(config)} - {"device", "threads"}
     for kind, config in (("fit", FitConfig), ("track", TrackConfig))
@@ -138,7 +139,7 @@ class TrialWorker:
 
     def _done(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
         notes, started, settings, steps = _Notes(), time.perf_counter(), job.settings, dict[str, float]()
-        scene, result, subject = load_scene(*job.scenes), job.folder / "result.usdc", None
+        scene, result, subject = load_scene(job.scenes[0]), job.folder / "result.usdc", None
         record: dict[str, Any] = {"name": job.name, "scene": str(scene.path), "notes": notes, "step_seconds": steps}
         for number, step in enumerate(job.steps):
             yield Advance(step, number, len(job.steps), 0)
@@ -147,9 +148,9 @@ class TrialWorker:
                 given = settings["mask"] | {"force": True, "reporter": notes}
                 scene = load_scene(mask.mask(scene, job.folder / "masks", **given).scene)
             elif step == "fit" and (job.body or scene.subject is None):
-                subject, given = job.folder / "subject.usdc", self._where | settings["fit"]
+                subject = job.folder / "subject.usdc"
                 if not subject.exists():
-                    given |= {"rigid": True} if job.body else {}
+                    given = self._where | (_KNOWN if job.body else {}) | settings["fit"]
                     track.fit(scene, job.body, output=subject, reporter=notes, **given)
             elif step == "track":
                 given = self._where | settings["track"]
@@ -249,7 +250,7 @@ def batch(
 
     seconds = None if minutes is None else 60.0 * minutes
     status = run_jobs([*people, *trials], start, show or (lambda status: None), reporter.warn, seconds)
-    failures |= {task.name: status.failures[task.name] for task in trials if task.name in status.failures}
+    failures |= {task.job.name: status.failures[task.name] for task in trials if task.name in status.failures}
     done = [task.check() for task in trials if task.name not in failures]
     page = folder / "index.html"
     write_whole(page, _page(folder.resolve().name, done, failures).encode())

@@ -1,7 +1,5 @@
 """The coordinates of a fit: a full pose, shape sliders, scale and heading in one vector."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

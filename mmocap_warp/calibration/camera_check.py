@@ -6,12 +6,10 @@ names the one after which the views agree. Smaller errors show in contours: came
 together, and the check names the changes of one camera in one respect that explain what the adjustment gained.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -77,7 +75,7 @@ class Finding:
     words: str = ""  # what is wrong, in words, where it is no change of the parameters
 
     @classmethod
-    def of(cls, mistake: Mistake) -> Finding:
+    def of(cls, mistake: Mistake) -> Self:
         """A gross mistake as a finding."""
         return cls((mistake.cameras or ("all cameras",))[0], mistake.cause, mistake=mistake, words=str(mistake))
 

@@ -1,7 +1,5 @@
 """Bodies that are made, imported, exported, given limits and drawn: ``mmocap body``."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

@@ -11,8 +11,6 @@ the body's, in every view alike. Over frames these are points that several camer
 them turns and moves cameras that contours cannot, because their outlines do not meet.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -9,8 +9,6 @@ glTF's cannot have the principal point aside from the middle of the image. A bod
 animation (``.vrma``), by the extension that names them.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Mapping

@@ -10,8 +10,6 @@ Layout, with the recording's frame number as time code::
                              has per frame is in docs/formats.md
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from pathlib import Path

@@ -3,8 +3,6 @@
 docs/bodies.md has the attributes' names and meanings.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from pxr import Sdf, Usd, Vt
 

@@ -60,6 +60,20 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     return replace(mesh, vertex=vertex[kept], face=face.reshape(-1, 3), influence=influence, weight=weight)
 
 
+def weighted(mesh: RiggedMesh) -> RiggedMesh:
+    """The mesh with vertices that follow no joint following what the nearest vertex with weights follows."""
+    from scipy.spatial import cKDTree
+
+    loose = mesh.weight.sum(axis=1) == 0
+    if not loose.any() or loose.all():
+        return mesh
+    _, nearest = cKDTree(mesh.vertex[~loose]).query(mesh.vertex[loose])
+    influence, weight = mesh.influence.copy(), mesh.weight.copy()
+    influence[loose], weight[loose] = mesh.influence[~loose][nearest], mesh.weight[~loose][nearest]
+    note = f"{loose.sum()} of {len(loose)} vertices have no weights: they follow what the nearest one follows"
+    return replace(mesh, influence=influence, weight=weight, notes=(*mesh.notes, note))
+
+
 def four_influences(mesh: RiggedMesh) -> tuple[np.ndarray, np.ndarray, float]:
     """Each vertex's heaviest joints (vertex, 4) int32, weights (vertex, 4) float32 of sum one, and what was dropped.
 

@@ -17,6 +17,7 @@ from mmocap_warp.rigging.importing.closing import (
     closed_pieces,
     four_influences,
     joined_meshes,
+    weighted,
     welded,
 )
 from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, without_fine_joints
@@ -88,7 +89,7 @@ def imported(
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
     mesh = with_moving_parents(with_parents(mesh, given.parents), given.parents)
-    mesh = welded(with_one_root(mesh))
+    mesh = weighted(welded(with_one_root(mesh)))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
     # How its joints move, and the closed mesh that is tracked.

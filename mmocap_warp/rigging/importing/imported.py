@@ -31,6 +31,7 @@ from mmocap_warp.rigging.importing.joint_tree import (
     with_parents,
 )
 from mmocap_warp.rigging.importing.joints_file import GivenJoints, with_given
+from mmocap_warp.rigging.importing.proof import SAME_OUTLINE, Outline, strays, worst_outline
 
 TRIANGLES = 2600
 """Of a tracking mesh, by default; as many as a shipped person's has."""
@@ -54,6 +55,8 @@ class Imported:
     freedom: list[Freedom]  # of its joints, in their order
     motions: dict[str, BodyMotion]  # its animations by name
     notes: tuple[str, ...]  # what was done or left out, a line each
+    fault: str  # why the body is not the file's; empty where it is
+    outline: Outline  # where its tracking mesh is least like the file's skin
 
 
 def imported(
@@ -120,11 +123,15 @@ def imported(
         rigid=mesh.rigid if given.rigid is None else given.rigid,
     )
     # The file's animations as poses of that body.
-    motions = {}
+    motions, apart = {}, {}
     for label, motion in mesh.motions.items():
-        motions[label], apart = body_motion(body, mesh.bind, motion)
-        notes.append(f"motion {label}: {len(motion.world)} frames, joints within {1000 * apart:.1f} mm of the file's")
-    return Imported(body, freedom, motions, tuple(notes))
+        motions[label], apart[label] = body_motion(body, mesh.bind, motion)
+    motion_notes, fault = strays(body, mesh, apart)
+    outline = worst_outline(body, mesh, motions)
+    notes += motion_notes
+    if outline.overlap < SAME_OUTLINE:
+        notes.append(f"outline {outline.view}: overlaps the file's skin by {outline.overlap:.3f} only")
+    return Imported(body, freedom, motions, tuple(notes), fault, outline)
 
 
 def _size_note(mesh: RiggedMesh, scale: float) -> list[str]:
@@ -221,8 +228,8 @@ def _close_parts(mesh: RiggedMesh) -> ClosedMesh:
     return joined_meshes(made, len(mesh.vertex), done)
 
 
-def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tuple[BodyMotion, float]:
-    """Poses of a body whose joints turn and slide as a file's do, and how far joints are from the file's at most [m].
+def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tuple[BodyMotion, np.ndarray]:
+    """Poses of a body whose joints turn and slide as a file's do, and (frame, joint) their distances from those [m].
 
     All three coordinates of every joint are taken, whether they are searched or not. Bones keep their lengths but for
     joints that slide; a file's may change. The motion is in the body's axes and metres, and ``bind`` (joint, 4, 4) is
@@ -248,8 +255,7 @@ def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tupl
             continue
         own = frame[joint].T @ np.swapaxes(above, -1, -2) @ turned[:, joint] @ frame[joint]
         pose[:, coordinates] = continuous_zyx_angles(own, free)
-    apart = float(np.linalg.norm(place - motion.world[:, :, :3, 3], axis=2).max())
-    return BodyMotion(motion.fps, pose), apart
+    return BodyMotion(motion.fps, pose), np.linalg.norm(place - motion.world[:, :, :3, 3], axis=2)
 
 
 _AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")

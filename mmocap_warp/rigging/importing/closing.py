@@ -98,7 +98,7 @@ MOST_TRIANGLES, CELLS = 20_000, 40
 """A mesh of more triangles is wrapped, which is quicker than making it coarser; and the grid's cells along its side."""
 _PIECE_TRIANGLES, _PIECE_CELLS = 60_000, 20  # the same of a connected piece of a mesh, at least
 _WHOLE_CELLS = 80  # a wrapped piece has cells as small as if so many lay along the whole mesh
-_MOST_PIECES = 200  # a mesh of more pieces is wrapped as one: a coarse mesh could not hold all of them
+_MOST_PIECES = 200  # a coarse mesh could not hold more pieces
 _SMALLEST_PIECE = 0.01  # smaller pieces, such as eyes and buttons, are left out; a share of the mesh's extent
 
 
@@ -141,10 +141,11 @@ def _filled(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh | str:
     return ClosedMesh(middle, beside, outward(np.concatenate([vertex, middle]), whole), done)
 
 
-def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh:
+def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh | None:
     """As :func:`closed`; but where that would wrap the mesh, each of its connected pieces is closed by itself.
 
-    A silhouette is that of the pieces' union. A wrap of the whole would join legs and fill armpits.
+    A silhouette is that of the pieces' union. A wrap of the whole would join legs and fill armpits. None where there
+    are too many pieces, or none that can be seen.
     """
     whole = _filled(vertex, face) if len(face) <= MOST_TRIANGLES else f"it has {len(face)} triangles"
     if not isinstance(whole, str):
@@ -155,7 +156,7 @@ def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh:
     parts = [face[piece == number] for number in np.unique(piece)]
     shown = [part for part in parts if _extent(vertex, part) >= _SMALLEST_PIECE * extent]
     if not 0 < len(shown) <= _MOST_PIECES:
-        return wrapped(vertex, face, CELLS, whole)
+        return None
     # Where three triangles meet at an edge, as a collar does on a shirt, each sheet is closed by itself.
     sheets = [s for part in shown for s in ([part] if isinstance(_filled(vertex, part), ClosedMesh) else _sheets(part))]
     cells = [max(_PIECE_CELLS, round(_WHOLE_CELLS * _extent(vertex, sheet) / extent)) for sheet in sheets]

@@ -23,6 +23,7 @@ from mmocap_warp.rigging.importing.closing import (
 from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, without_fine_joints
 from mmocap_warp.rigging.importing.joint_tree import (
     mirrored_pairs,
+    name_list,
     parts_of,
     sides_crossed,
     with_moving_parents,
@@ -191,7 +192,8 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     if dropped > _NEGLIGIBLE:
         notes.append(f"vertices follow at most four joints: up to {100 * dropped:.1f} % of one's weight was dropped")
     # A closed surface; its new vertices follow the joints of a vertex beside them.
-    surface = _close_parts(mesh) if mesh.rigid else closed_pieces(mesh.vertex, mesh.face)
+    surface = None if mesh.rigid else closed_pieces(mesh.vertex, mesh.face)
+    surface = surface or _close_parts(mesh)
     notes += [f"tracking mesh: {surface.done}"] if surface.done else []
     vertex = np.concatenate([mesh.vertex, surface.added])
     beside = np.concatenate([np.arange(len(mesh.vertex)), surface.beside])
@@ -219,12 +221,12 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
 
 
 def _close_parts(mesh: RiggedMesh) -> ClosedMesh:
-    """Each rigid part closed by itself: a robot's parts are hollow, and meet in joints."""
+    """What follows each joint closed by itself: a robot's parts are hollow, and meet in joints."""
     follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
     names = np.unique(follows)
     made = [closed(mesh.vertex, mesh.face[follows == joint], _PART_TRIANGLES, _PART_CELLS) for joint in names]
-    changed = [mesh.joints[joint] for joint, part in zip(names, made, strict=True) if part.done]
-    done = f"parts closed or wrapped in new surfaces: {', '.join(changed)}" if changed else ""
+    changed = [joint for joint, part in zip(names, made, strict=True) if part.done]
+    done = f"parts closed or wrapped in new surfaces: {name_list(mesh, changed)}" if changed else ""
     return joined_meshes(made, len(mesh.vertex), done)
 
 

@@ -153,7 +153,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     # Further trees hang on it.
     stray = [joint for joint in roots if shown[joint] and below[joint] > 0 and joint != main]
     if stray:
-        notes.append(f"{_name_list(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
+        notes.append(f"{name_list(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
     parent = list(mesh.parent)
     for joint in (main, *stray):
         parent[joint] = -1 if joint == main else main
@@ -162,11 +162,12 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     order.remove(main)
     left_out = [joint for joint in range(len(parent)) if not shown[joint]]
     if left_out:
-        notes.append(f"{_name_list(mesh, left_out)} move no skin: left out")
+        notes.append(f"{name_list(mesh, left_out)} move no skin: left out")
     return reorder(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
 
 
-def _name_list(mesh: RiggedMesh, joints: list[int]) -> str:
+def name_list(mesh: RiggedMesh, joints: list[int]) -> str:
+    """Some joints' names, the first five of many."""
     names = [mesh.joints[joint] for joint in joints]
     return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:5])} and {len(names) - 5} more"
 

@@ -55,22 +55,16 @@ _REHEARSAL = 1.2  # seconds that are tracked before the first frame: all that is
 class LiveFrame:
     """A frame's final answer.
 
-    Attributes:
-        number: of the frame, from 0.
-        pose: (run, coordinate) float64, smoothed with the frames around it [m, rad].
-        raw_pose: (run, coordinate), as it was tracked.
-        joints: (run, joint, 3) float64, joint centres of ``pose`` in the world [m].
-        iou: (run, camera) float64, overlap of ``raw_pose`` with the masks; NaN for a lost view.
-        status: a name of ``STATUS`` for each run. A frame that was lost is ``interpolated`` if the body is seen both
-            before and within the lag, and stays ``lost`` otherwise: its pose is where the motion led.
+    A frame that was lost is ``interpolated`` if the body is seen both before and within the lag, and stays ``lost``
+    otherwise: its pose is where the motion led.
     """
 
-    number: int
-    pose: np.ndarray
-    raw_pose: np.ndarray
-    joints: np.ndarray
-    iou: np.ndarray
-    status: tuple[str, ...]
+    number: int  # of the frame, from 0
+    pose: np.ndarray  # (run, coordinate) float64, smoothed with the frames around it [m, rad]
+    raw_pose: np.ndarray  # (run, coordinate), as it was tracked
+    joints: np.ndarray  # (run, joint, 3) float64, joint centres of ``pose`` in the world [m]
+    iou: np.ndarray  # (run, camera) float64, overlap of ``raw_pose`` with the masks; NaN for a lost view
+    status: tuple[str, ...]  # a name of ``STATUS`` for each run
 
 
 def track_live(
@@ -164,8 +158,7 @@ class _Window:
         poses = np.stack([self._rooting.leave(*each) for each in zip(solved, self._last_angles, strict=True)])
         self._last_angles = poses[:, -1, ROOT_ANGLES]
         tracked = np.array([self._is_tracked(answer) for answer in self._answers])
-        final = self._answers[: poses.shape[1]]
-        self._answers = self._answers[poses.shape[1] :]
+        final, self._answers = self._answers[: poses.shape[1]], self._answers[poses.shape[1] :]
         for i, answer in enumerate(final):
             between = ~tracked[i] & self._tracked_before & tracked[i:].any(axis=0)
             self._tracked_before |= tracked[i]

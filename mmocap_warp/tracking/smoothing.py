@@ -260,7 +260,6 @@ class _RunSmoother:
         self._tracked = ~np.isin(raw.status[run], (_LOST, _REPEATED))
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
         self._known = self._rooting.refold(self._rooting.enter(track))  # poses as they were linearised last
-
         self._skeleton, self._size = skeleton, subject.body.relative_size
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.

@@ -79,17 +79,11 @@ class ViewOffset:
 
 @dataclass(frozen=True, repr=False)
 class Synchronisation:
-    """The time offsets of all cameras.
+    """The time offsets of all cameras."""
 
-    Attributes:
-        fps: of the scene's frames.
-        views: by camera name.
-        hull: whether the visual hull decided; None without a calibration, False where hulls could not decide.
-    """
-
-    fps: float
-    views: dict[str, ViewOffset]
-    hull: bool | None
+    fps: float  # of the scene's frames
+    views: dict[str, ViewOffset]  # by camera name
+    hull: bool | None  # whether the visual hull decided; None without a calibration, False where hulls could not decide
 
     @property
     def sure(self) -> bool:

@@ -76,20 +76,13 @@ class RootedPoses(FrameArrays):
 
 @dataclass(frozen=True, eq=False)
 class Neighbours:
-    """The poses before and after some: they tell how the skin moves, for views that were taken at another time.
+    """The poses before and after some: they tell how the skin moves, for views that were taken at another time."""
 
-    Attributes:
-        before, after: the poses; anything where there is none.
-        sides: (pose,) int32, 1 for the pose before plus 2 for that after.
-        rate: poses a second.
-        curved: whether the motion is a parabola through all three, or a straight line.
-    """
-
-    before: RootedPoses
-    after: RootedPoses
-    sides: np.ndarray
-    rate: float
-    curved: bool = True
+    before: RootedPoses  # anything where there is none
+    after: RootedPoses  # likewise
+    sides: np.ndarray  # (pose,) int32, 1 for the pose before plus 2 for that after
+    rate: float  # poses a second
+    curved: bool = True  # whether the motion is a parabola through all three, or a straight line
 
     @classmethod
     def of(cls, course: RootedPoses, frames: np.ndarray, rate: float, *, curved: bool = True) -> Neighbours:

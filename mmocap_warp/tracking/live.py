@@ -111,14 +111,13 @@ class _Window:
     def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float, first: int = 0) -> None:
         skeleton = subject.body.skeleton
         searched, limits = skeleton.searched(config.dof), search_limits(subject, config)
-        rooting = Rooting(skeleton, subject.root_base, searched, limits)
+        self._rooting = rooting = Rooting(skeleton, subject.root_base, searched, limits)
         points = MotionPoints(skeleton, subject.body.joint_rest, searched)
         self._fitter = make_fitter(subject, cameras, config, LAG, frames=LAG)
         self._poser = Poser(subject.body, subject.root_base)
         self._answers: list[FrameAnswer] = []
         self._first = first  # number of the first of these
         self._tracked_before = np.zeros(config.runs, bool)
-        self._rooting = rooting
         self._last_angles = np.tile(subject.pose[ROOT_ANGLES], (config.runs, 1))
         device = resolve_device(config.device)
         band = None if device == "cpu" else DeviceBand(points, LAG, device)

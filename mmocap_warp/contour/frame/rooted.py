@@ -186,11 +186,8 @@ class Rooting:
         away = np.copysign(np.maximum(np.abs(cos_y), 1e-6), cos_y)
         zero, one = np.zeros_like(sin_x), np.ones_like(sin_x)
         by_z = np.stack([zero, sin_x / away, cos_x / away], axis=1)
-        rows = (
-            np.stack([one, zero, zero], axis=1) + sin_y[:, None] * by_z,
-            np.stack([zero, cos_x, -sin_x], axis=1),
-            by_z,
-        )
+        by_x = np.stack([one, zero, zero], axis=1) + sin_y[:, None] * by_z
+        rows = by_x, np.stack([zero, cos_x, -sin_x], axis=1), by_z
         root = np.searchsorted(self.searched, ROOT_ANGLES.start)
         derivative[:, root : root + 3, root : root + 3] = np.stack(rows, axis=1)
         return derivative

@@ -98,7 +98,7 @@ def track_live(
     tracker = make_tracker(subject, cameras, config, fps)
     window = _Window(subject, cameras, config, fps)
     silhouettes_of = body_silhouettes(subject, cameras)
-    observations = (Observation.from_masks(list(each)) for each in masks)
+    observations: Iterable[Observation] = (Observation.from_masks(list(each)) for each in masks)
     observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))
     for answer in track_frames(tracker, observations, keep=window.observe):
         yield from window.add(answer)

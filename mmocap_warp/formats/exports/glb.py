@@ -9,8 +9,6 @@ glTF's cannot have the principal point aside from the middle of the image. A bod
 animation (``.vrma``), by the extension that names them.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Mapping
@@ -160,8 +158,7 @@ def _animation(clip: _Clip, slides: np.ndarray, buffer: _Buffer) -> dict[str, An
     time = buffer.add(clip.time, "SCALAR")
     moving = (0, *np.flatnonzero(slides).tolist())
     outputs = [(joint, "translation", buffer.add(clip.local[:, joint, :3, 3], "VEC3")) for joint in moving]
-    for joint in range(rotation.shape[1]):
-        outputs.append((joint, "rotation", buffer.add(rotation[:, joint], "VEC4")))
+    outputs += [(joint, "rotation", buffer.add(rotation[:, joint], "VEC4")) for joint in range(rotation.shape[1])]
     samplers = [{"input": time, "output": output} for *_, output in outputs]
     targets = enumerate({"node": node, "path": path} for node, path, _ in outputs)
     channels = [{"sampler": sampler, "target": target} for sampler, target in targets]

@@ -40,9 +40,13 @@ def with_labels(
 
 
 def read_people(
-    tables: dict[str, Table], sources: tuple[CameraSource, ...], foreground: ForegroundSettings, scene: Path
+    tables: dict[str, Table],
+    sources: tuple[CameraSource, ...],
+    foreground: ForegroundSettings,
+    scene: Path,
+    body: str | Path | None,
 ) -> dict[str, Person]:
-    """The people of tables [people.<name>]; results are named after them.
+    """The people of tables [people.<name>], of ``body`` where theirs name none; results are named after them.
 
     Raises:
         InputError: labels or files that cannot be, or a label of two people.
@@ -62,7 +66,7 @@ def read_people(
             if any(a == b for a, b in zip(own, person.labels, strict=True)):
                 raise table.error(f"'{name}' and '{other}' have the same label", "give each person its own")
         subject, truth = take_file(table, "subject", scene), take_file(table, "truth", scene)
-        people[name] = Person(own, subject, take_body(table, scene), truth)
+        people[name] = Person(own, subject, take_body(table, scene) or body, truth)
         table.finish()
     return people
 

@@ -145,6 +145,11 @@ class Scene:
         """Whether its masks say who is tracked."""
         return any(source.label for source in self.cameras)
 
+    @property
+    def has_others(self) -> bool:
+        """Whether its masks say what may be in front of who is tracked."""
+        return any(source.in_front for source in self.cameras)
+
     def of_person(self, name: str) -> Scene:
         """The same recording as one of its people is tracked in it: all others may be in front.
 
@@ -212,7 +217,7 @@ class Scene:
             ValueError: frames that the scene does not have.
             InputError: images that turn out unreadable.
         """
-        hides = any(source.in_front for source in self.cameras)
+        hides = self.has_others
         for place, (views, in_front) in enumerate(self._seen(scale, first, count, body, hides), first):
             frame = self.frames[place : place + 1]
             late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps  # (camera,) [s]

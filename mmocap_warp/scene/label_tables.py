@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
@@ -13,7 +14,7 @@ from mmocap_warp.scene.camera_source import CameraSource
 from mmocap_warp.scene.recording import Person
 from mmocap_warp.whole_file import file_name
 
-_ROLES = ("person", "thing", "ignore")
+_ROLES = ("person", "thing", "ignore", "garment")  # skin under a garment is as much in doubt as behind a thing
 _NOT_GIVEN = "labels are those of given masks; these are made"
 
 
@@ -34,8 +35,8 @@ def with_labels(
     if any(map(any, roles.values())) and foreground.source != "masks":
         raise table.error(_NOT_GIVEN, "leave the table out")
     return tuple(
-        replace(source, label=next(iter(person), 0), in_front=tuple(sorted({*thing, *ignored})))
-        for source, person, thing, ignored in zip(sources, *roles.values(), strict=True)
+        replace(source, label=next(iter(person), 0), in_front=tuple(sorted({*chain(*others)})))
+        for source, person, *others in zip(sources, *roles.values(), strict=True)
     )
 
 

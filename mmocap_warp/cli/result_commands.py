@@ -72,11 +72,10 @@ def track(
         answer = _each(console, {name: partial(track_one, name, _of_person(output, name)) for name in people})
         if not done:
             return answer
-        write_people(output, done)
-        force |= [*before] != [*done]  # then pictures that exist lack somebody
+        if force or [*before] != [*done]:
+            write_people(output, done)
     else:
         answer = track_one(person or "", output)
-    force |= any(result.config["cameras"] == REFINE for _, result in done.values())
     files = {"result": output, **(show_all(output, console, force) if whole else {})}
     step = next_step("show", output) if people else answer.values["next"]
     values = {**answer.values, **files, "next": step}

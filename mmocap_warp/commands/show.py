@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 from mmocap_warp.body.joint_sets import RIG
 from mmocap_warp.body.joint_sets import joint_set as set_named
@@ -87,7 +87,7 @@ def show(
         InputError: the scene is another recording or not there, or a file cannot be written.
     """
     reporter = reporter or Reporter()
-    named, (result, beside) = result, _with_people(result, beside)
+    named, (result, *beside) = result, _with_people(result, beside)
     if isinstance(result, Subject) or (isinstance(result, str | Path) and not holds_result(result)):
         if frames is not None or whole or slow != 1.0 or deviations or strip or beside:
             problem = "--beside, --frames, --whole, --slow, --deviations and --strip need a result"
@@ -117,13 +117,10 @@ def _judged(result: Result, scene: Scene | None) -> dict[str, Any]:
     return {"iou_by_camera": iou_by_camera(result), "verdict": judged}
 
 
-Given = TypeVar("Given")
-
-
-def _with_people(result: Given, beside: Sequence[str | Path] | None) -> tuple[Given | Path, Sequence[str | Path]]:
-    """Of a file of several people, that of the first with the others beside it; of any other what it was."""
-    people = [*results_in(result).values()] if isinstance(result, str | Path) else []
-    return (people[0], [*people[1:], *(beside or ())]) if people else (result, beside or ())
+def _with_people(result: Any, beside: Sequence[str | Path] | None) -> list[Any]:
+    """A result, or those that a file of several people names, and further ones."""
+    people = results_in(result).values() if isinstance(result, str | Path) else ()
+    return [*(people or [result]), *(beside or ())]
 
 
 def _others(
@@ -137,13 +134,13 @@ def _others(
 
 
 def show_all(result: Path, reporter: Reporter, force: bool) -> dict[str, Path]:
-    """The overlay video and the page of a result beside it, made where they are not there or by ``force``."""
-    video, page = result.with_suffix(".webm"), result.with_suffix(".html")
-    if force or not video.exists():
-        show(result, output=video, force=True, reporter=reporter)
-    if force or not page.exists():
-        view(result, output=page, force=True, reporter=reporter)
-    return {"video": video, "page": page}
+    """The overlay video and the page beside a result, made where there are none or older ones, or by ``force``."""
+    files = {"video": result.with_suffix(".webm"), "page": result.with_suffix(".html")}
+    newest = max(file.stat().st_mtime for file in (result, *results_in(result).values()))
+    for file, make in zip(files.values(), (show, view), strict=True):
+        if force or not file.exists() or file.stat().st_mtime < newest:
+            make(result, output=file, force=True, reporter=reporter)
+    return files
 
 
 def _beside(result: object, output: str | Path | None, suffix: str) -> Path:
@@ -255,7 +252,7 @@ def view(
     reporter = reporter or Reporter()
     page = None if output is None else new_file(output, ".html", force=force)
     recording = None if rerun is None else new_file(rerun, ".rrd", force=force)
-    result, beside = _with_people(result, beside)
+    result, *beside = _with_people(result, beside)
     tracked, path = result_from(result)
     recorded = scene_of(tracked, path, scene, reporter)
     known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
@@ -335,7 +332,7 @@ def export(
         fitting = ", ".join(ending for each in table.EXPORTS if each.takes_joint_set for ending in each.suffixes)
         raise UsageError(f"--joint-set cannot be in {output.suffix}; end the output in one of {fitting}")
     people = results_in(result) if isinstance(result, str | Path) else {}
-    together = bool(people) and run is None and not bake and table.holds_people(output)
+    together = bool(people) and run is None and not bake and output.suffix.lower() in table.export_format(output).people
     parts: dict[Path, dict[str, tuple[Result, int]]] = {}  # of each file, its people and their runs
     for name, each in (people or {"": result}).items():
         tracked, _ = result_from(each)

@@ -247,11 +247,6 @@ def export_format(path: Path) -> Format:
     return _format_of(EXPORTS, path)
 
 
-def holds_people(path: Path) -> bool:
-    """Whether a file with that ending may hold several people."""
-    return path.suffix.lower() in export_format(path).people
-
-
 def _format_of(formats: tuple[Format, ...], path: Path) -> Format:
     for candidate in formats:
         if candidate.matches(path):

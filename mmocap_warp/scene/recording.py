@@ -227,13 +227,8 @@ class Scene:
 
     def hidden(self, scale: float) -> Iterator[list[np.ndarray]]:
         """Per camera (height, width) bool, what may be in front of the person, of all frames."""
-        frames, empty = self.frames, [np.zeros((height, width), bool) for width, height in self.rig(scale).size]
-        streams = [
-            self._raw_masks(k, scale, frames, source.in_front) if source.in_front else repeat(None, len(frames))
-            for k, source in enumerate(self.cameras)
-        ]
-        for views in zip(*streams, strict=True):
-            yield [nothing if view is None else view[0] for view, nothing in zip(views, empty, strict=True)]
+        for _, others in self._seen(scale, 0, None, None, hides=True):
+            yield [np.logical_or.reduce(masks) for masks in others]
 
     def masks(
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None

@@ -32,7 +32,6 @@ from mmocap_warp.formats.toml_table import listed
 from mmocap_warp.tracking.track_config import AS_GIVEN, REFINE, TrackConfig
 
 if TYPE_CHECKING:
-    from mmocap_warp.body.model import Subject
     from mmocap_warp.result.result import Result
     from mmocap_warp.scene.recording import Scene
 
@@ -62,20 +61,18 @@ def track(
     people = _everybody(loaded, person)
     done: dict[str, tuple[Path, Result]] = {}
 
-    def track_one(name: str, file: Path) -> Answer:
-        scene = loaded.of_person(name) if name in loaded.people else loaded
-        return _track(call, console, scene, file, whole, force, settings, done)
-
+    track_one = partial(_track, call, console, whole=whole, force=force, settings=settings, done=done)
     if people:
         before = results_in(output) if (whole or resume) and output.exists() else {}
         new_file(output, *USD_SUFFIXES, force=force or bool(before))
-        answer = _each(console, {name: partial(track_one, name, _of_person(output, name)) for name in people})
+        work = {name: partial(track_one, loaded.of_person(name), _of_person(output, name)) for name in people}
+        answer = _each(console, work)
         if not done:
             return answer
         if force or [*before] != [*done]:
             write_people(output, done)
     else:
-        answer = track_one(person or "", output)
+        answer = track_one(loaded.of_person(person) if person in loaded.people else loaded, output)
     files = {"result": output, **(show_all(output, console, force) if whole else {})}
     step = next_step("show", output) if people else answer.values["next"]
     values = {**answer.values, **files, "next": step}
@@ -178,16 +175,13 @@ def fit(call: Any, console: Console, scene: Path, output: Path, identity: int | 
     from mmocap_warp.scene.scene_toml import load_scene
 
     if not (people := _everybody(load_scene(scene, identity=identity), person)):
-        return _fitted(call(), output)
-
-    def fit_one(name: str) -> Answer:
-        file = _of_person(output, name)
-        return _fitted(call(person=name, output=file), file)
-
-    return _each(console, {name: partial(fit_one, name) for name in people})
+        return _fitted(call, output)
+    work = {name: partial(_fitted, partial(call, person=name), _of_person(output, name)) for name in people}
+    return _each(console, work)
 
 
-def _fitted(subject: Subject, output: Path) -> Answer:
+def _fitted(call: Any, output: Path) -> Answer:
+    subject = call(output=output)
     known, name = subject.provenance, subject.body.name
     step = next_step("show", output)
     values = {"file": output, "body": name, "height_m": known["body.height"], **known, "next": step}

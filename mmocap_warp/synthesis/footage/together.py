@@ -48,12 +48,9 @@ class Together:
     @classmethod
     def of(cls, recordings: Sequence[Recording], shifts: np.ndarray) -> Together:
         """People who are elsewhere than in their recordings by ``shifts`` (person, 2) [m]."""
-        moved = []
-        for recording, shift in zip(recordings, shifts, strict=True):
-            poses = recording.poses.copy()
-            poses[:, :2] += shift
-            moved.append(replace(recording, poses=poses))
-        return cls(tuple(moved))
+        pairs = zip(recordings, shifts, strict=True)
+        moved = [(each, np.column_stack([each.poses[:, :2] + shift, each.poses[:, 2:]])) for each, shift in pairs]
+        return cls(tuple(replace(each, poses=poses) for each, poses in moved))
 
     @property
     def fps(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -137,7 +137,8 @@ def show_all(result: Path, reporter: Reporter, force: bool) -> dict[str, Path]:
     """The overlay video and the page beside a result, made where there are none or older ones, or by ``force``."""
     files = {"video": result.with_suffix(".webm"), "page": result.with_suffix(".html")}
     newest = max(file.stat().st_mtime for file in (result, *results_in(result).values()))
-    for file, make in zip(files.values(), (show, view), strict=True):
+    makers: tuple[Callable[..., object], ...] = show, view
+    for file, make in zip(files.values(), makers, strict=True):
         if force or not file.exists() or file.stat().st_mtime < newest:
             make(result, output=file, force=True, reporter=reporter)
     return files
@@ -331,7 +332,7 @@ def export(
     if joint_set != RIG and not table.export_format(output).takes_joint_set:
         fitting = ", ".join(ending for each in table.EXPORTS if each.takes_joint_set for ending in each.suffixes)
         raise UsageError(f"--joint-set cannot be in {output.suffix}; end the output in one of {fitting}")
-    people = results_in(result) if isinstance(result, str | Path) else {}
+    people: dict[str, Any] = {**results_in(result)} if isinstance(result, str | Path) else {}
     together = bool(people) and run is None and not bake and output.suffix.lower() in table.export_format(output).people
     parts: dict[Path, dict[str, tuple[Result, int]]] = {}  # of each file, its people and their runs
     for name, each in (people or {"": result}).items():

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -85,7 +85,7 @@ def _everybody(scene: Scene, person: str | None) -> list[str]:
     return [*scene.people] if everybody or not (person or scene.person) else []
 
 
-def _each(console: Console, work: dict[str, Callable[[], Answer]]) -> Answer:
+def _each(console: Console, work: Mapping[str, Callable[[], Answer]]) -> Answer:
     """What is done for each of several people, by their names; what fails for one is done for the others."""
     values, lines, codes = dict[str, Any](), list[object](), []
     for name, do in work.items():

@@ -59,13 +59,11 @@ def sync_warp() -> None:
 @wp.func_native(_native("words", WORDS=WORDS))
 def _words(scratch: wp.array[wp.uint32]) -> wp.uint64:
     """The address of a block's shared words; on the CPU they lie in the scratch array."""
-    ...
 
 
 @wp.func_native(_native("numbers", NUMBERS=NUMBERS, WORDS=WORDS))
 def _numbers(scratch: wp.array[wp.uint32]) -> wp.uint64:
     """The address of a block's shared numbers; on the CPU they lie behind the words."""
-    ...
 
 
 @wp.func
@@ -83,19 +81,16 @@ def shared_numbers(scratch: wp.array[wp.uint32]) -> wp.array[wp.int32]:
 @wp.func_native(_native("warp_sum"))
 def warp_sum(value: int) -> int:
     """Sum over the 32 lanes of a warp; all of them must call."""
-    ...
 
 
 @wp.func_native(_native("warp_max"))
 def warp_max(value: int) -> int:
     """Largest over the 32 lanes of a warp; all of them must call."""
-    ...
 
 
 @wp.func_native("return (wp::uint64)(words.data + first);")
 def _address(words: wp.array[wp.uint32], first: int) -> wp.uint64:
     """The address of a word."""
-    ...
 
 
 @wp.func

@@ -5,8 +5,6 @@ imported when it is first used, so that importing the package imports nothing el
 throughout; arrays are NumPy's. No room imports it. ``__init__.pyi`` says where each name is defined.
 """
 
-from __future__ import annotations
-
 import ast
 from importlib import import_module
 from pathlib import Path

@@ -8,8 +8,6 @@ Comments, docstrings and blank lines do not count. The hash is of text, not of P
 it is the same under every version of Python.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Iterator

@@ -1,8 +1,7 @@
 """The exceptions for what a user can mend: the input, or the arguments of a command."""
 
-from __future__ import annotations
-
 import re
+from typing import Self
 
 _MOST = 400  # characters of a source, a problem or a remedy that are shown
 
@@ -36,7 +35,7 @@ class UsageError(ValueError):
         super().__init__(re.sub(r"--([a-z]+(?:-[a-z]+)*)", lambda flag: flag[1].replace("-", "_"), flags))
 
     @classmethod
-    def of_setting(cls, error: ValueError) -> UsageError:
+    def of_setting(cls, error: ValueError) -> Self:
         """The error of a setting, whose name its text begins with."""
         name, _, rest = str(error).partition(" ")
         return cls(f"--{name.replace('_', '-')} {rest}")

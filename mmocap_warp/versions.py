@@ -1,7 +1,5 @@
 """What a result depends on besides its settings: the versions of packages, and the device."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version

@@ -1,7 +1,5 @@
 """Whole files: read as text, hashed, and written so that they appear complete or not at all."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os

@@ -127,7 +127,6 @@ def _transform(
     columns: int,
 ) -> None:
     """Write a candidate; the same sums on both kinds of device, on the CPU many coordinates at a time."""
-    ...
 
 
 @wp.kernel

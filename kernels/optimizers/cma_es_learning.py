@@ -62,7 +62,6 @@ def _rank(run: int, lane: int, lanes: int, cost: wp.array[wp.float32], state: Cm
 @wp.func_native(_native("lay_out"))
 def _lay_out(axes: wp.array2d[wp.float32], lane: int, lanes: int, copy: wp.array2d[wp.float32]) -> None:
     """Copy the eigenvectors, filled up by zeros."""
-    ...
 
 
 # Column i of the eigenvectors times the mean draw, once scaled by the axes' lengths and once without.
@@ -71,13 +70,11 @@ def _turned(
     axes: wp.array2d[wp.float32], mean_z: wp.array2d[wp.float32], lengths: wp.array[wp.float32], i: int
 ) -> wp.vec2:
     """Coordinate i of ``B D <z>`` and of ``B <z>``."""
-    ...
 
 
 @wp.func_native(_native("dot"))
 def _dot(matrix: wp.array2d[wp.float32], row: int, vector: wp.array2d[wp.float32]) -> float:
     """A row of the matrix times the vector (1, column)."""
-    ...
 
 
 @wp.func
@@ -152,7 +149,6 @@ def _write_covariance(
     elements: wp.array2d[wp.float32],
 ) -> None:
     """Eq. 14 in the eigenvectors' coordinates, where C is ``D^2`` and an offspring's step ``D z``."""
-    ...
 
 
 @wp.func

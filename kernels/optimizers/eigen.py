@@ -159,7 +159,6 @@ def _find_rotations(pairs: int, round: int, now: int, tournament: Tournament, sp
 
     Returns whether anything was large.
     """
-    ...
 
 
 # How the 2 x 2 elements between two pairs are rotated (CPU), eight pairs k in one instruction:
@@ -170,7 +169,6 @@ def _find_rotations(pairs: int, round: int, now: int, tournament: Tournament, sp
 @wp.func_native(_native("rotate_blocks"))
 def _rotate_blocks(pairs: int, ahead: int, now: int, tournament: Tournament, spectrum: Spectrum) -> None:
     """Rotate the 2 x 2 elements between each pair k and the pair ``k + ahead``, by k's rotation and by the other's."""
-    ...
 
 
 # Each pair's rows of V are rotated like a block's rows, eight columns in one instruction. V stays in the coordinates'
@@ -178,7 +176,6 @@ def _rotate_blocks(pairs: int, ahead: int, now: int, tournament: Tournament, spe
 @wp.func_native(_native("rotate_axes"))
 def _rotate_axes(pairs: int, round: int, spectrum: Spectrum) -> None:
     """Rotate the rows of V."""
-    ...
 
 
 @wp.func
@@ -210,7 +207,6 @@ def _diagonalize_alone(tournament: Tournament, spectrum: Spectrum) -> int:
 @wp.func_native(_native("diagonalize_together"))
 def _diagonalize_together(tournament: Tournament, spectrum: Spectrum, sweeps: int, lane: int, lanes: int) -> int:
     """All sweeps by the lanes of a GPU's block. Returns the row of ``elements`` that the result lies in."""
-    ...
 
 
 @wp.func

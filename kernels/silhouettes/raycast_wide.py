@@ -46,7 +46,6 @@ _FAR = wp.constant(2**29)
 @wp.func_native(_native("ballot"))
 def _ballot(vote: bool) -> wp.uint32:
     """The votes of a warp's lanes as bits; all of them must call."""
-    ...
 
 
 @wp.func

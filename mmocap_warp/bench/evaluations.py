@@ -1,7 +1,5 @@
 """Each kernel of an evaluation alone; then the whole, from parameters to cost."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import partial
 

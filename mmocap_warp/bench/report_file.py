@@ -1,7 +1,5 @@
 """A report: its tables of words, for the terminal and for the documents alike, and its files."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """All measurements, in order, as one report that JSON can hold."""
 
-from __future__ import annotations
-
 import os
 import platform
 import time
@@ -10,7 +8,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import warp as wp
 
@@ -41,7 +39,7 @@ class Plan:
         return sorted({1, self.threads}) if self.device == "cpu" else [1]
 
     @classmethod
-    def usual(cls, device: str, threads: int) -> Plan:
+    def usual(cls, device: str, threads: int) -> Self:
         """What takes a CPU less than a minute, and a GPU too."""
         if device == "cpu":
             return cls(device, threads, batches=(14,), kernel_candidates=(14,))

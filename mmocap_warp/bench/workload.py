@@ -1,7 +1,5 @@
 """The measure: seven cameras of 640x480 around a body about 280 px tall, in poses near the one that was seen."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -8,8 +8,6 @@ joint motion*: part I, ankle, hip and spine (J. Biomechanics 35, 2002); part II,
 three-dimensional motions* (J. Biomechanical Engineering 105, 1983).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

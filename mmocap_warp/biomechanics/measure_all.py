@@ -1,7 +1,5 @@
 """All measures of a result, run by run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Measures as CSV files of every frame, heel strike, toe off and bone, and as a report of all frames together."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterator, Sequence

@@ -9,8 +9,6 @@ neck, the trunk from the middle of the shoulders to that of the hips, the hand t
 shank to the ankle's centre.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 

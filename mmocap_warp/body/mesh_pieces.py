@@ -1,7 +1,5 @@
 """Meshes as triangles: which piece moves when some of a pose changes, their edges, and whether they are closed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

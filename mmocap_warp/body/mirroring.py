@@ -1,7 +1,5 @@
 """Which joints and vertices of a body are each other's mirror image: left and right across the root, along X."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel

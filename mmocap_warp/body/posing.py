@@ -3,8 +3,6 @@
 Warp is imported by the first pose: it takes half a second, which most commands need not spend.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

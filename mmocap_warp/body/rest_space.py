@@ -1,7 +1,5 @@
 """A body's rest shape as a linear space: what can be solved for together with poses, for any skeleton."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property

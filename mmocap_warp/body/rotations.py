@@ -1,7 +1,5 @@
 """Rotations of many frames at a time; the body's convention is ``Rz @ Ry @ Rx`` on column vectors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 _PSI = 1.533751168755204288118041  # the real root of psi^4 = psi + 4

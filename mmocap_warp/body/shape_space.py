@@ -1,14 +1,12 @@
 """The coordinates of a fit: a full pose, shape sliders, scale and heading in one vector."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.body.rotations import axis_vector
+from mmocap_warp.body.rotations import axis_vector, turn
 
 
 def upright_base(up: str) -> np.ndarray:
@@ -19,8 +17,7 @@ def upright_base(up: str) -> np.ndarray:
 
 def heading_rotation(heading: float) -> np.ndarray:
     """(3, 3) turn about the body's up axis [rad]."""
-    c, s = np.cos(heading), np.sin(heading)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return turn("y", heading)
 
 
 def paired_targets(names: tuple[str, ...]) -> tuple[tuple[str, str, str | None], ...]:

@@ -6,12 +6,10 @@ names the one after which the views agree. Smaller errors show in contours: came
 together, and the check names the changes of one camera in one respect that explain what the adjustment gained.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -36,6 +34,7 @@ from mmocap_warp.calibration.sync.lag_course import lag_course, peak
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.masks.observation import unpack_masks
+from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.scene.recording import Scene
 
 _MOVED, _DISTORTION = "rotation and position", "distortion"
@@ -76,7 +75,7 @@ class Finding:
     words: str = ""  # what is wrong, in words, where it is no change of the parameters
 
     @classmethod
-    def of(cls, mistake: Mistake) -> Finding:
+    def of(cls, mistake: Mistake) -> Self:
         """A gross mistake as a finding."""
         return cls((mistake.cameras or ("all cameras",))[0], mistake.cause, mistake=mistake, words=str(mistake))
 
@@ -219,10 +218,7 @@ def _compare_views(
         if number == len(frames) // 2:
             at = [rig.names.index(finding.camera) for finding in findings]
             views = [BodyInView(rig.names[k], masks[k], before[k], after[k]) for k in at]
-    # Means over the frames in which a camera sees anybody.
-    known = np.isfinite(overlap)
-    mean = np.where(known, overlap, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return np.where(known.any(axis=0), mean, np.nan), tuple(views)
+    return nanmean(overlap, axis=0), tuple(views)
 
 
 def gross_mistake(rig: CameraRig, seen: np.ndarray, fps: float) -> Mistake | None:

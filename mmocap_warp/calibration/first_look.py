@@ -4,8 +4,6 @@ A second or two on a few small frames. Refused is what fits no body: views that 
 names the mistake; views that agree on nothing; and a subject of a wrong size. What hides a limb is at most a doubt.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -5,12 +5,11 @@ of each mask, whoever is seen and however large. Of a mirrored, turned or exchan
 written the wrong way round, it explains much less. The repair that brings the agreement back names the mistake.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Self
 
 import cv2
 import numpy as np
@@ -86,7 +85,7 @@ class Silhouettes:
     diameters: np.ndarray  # (camera,) of the circles about the masks' largest pieces [px]
 
     @classmethod
-    def of(cls, masks: Masks) -> Silhouettes:
+    def of(cls, masks: Masks) -> Self:
         """What is compared of these masks."""
         square = np.ones((3, 3), np.uint8)
         grown = [cv2.dilate(mask.astype(np.uint8), square) for mask in masks]

@@ -4,8 +4,6 @@ A ray at ``angle`` from the optical axis meets the image plane at ``angle (1 + k
 k4 angle^8)`` from its centre, where a pinhole has ``tan(angle)``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 FIELD = np.radians(60.0)

@@ -1,7 +1,5 @@
 """Silhouettes of posed meshes in whole pictures, filled on the CPU: for drawing and for masks, not for the search."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

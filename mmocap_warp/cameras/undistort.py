@@ -1,7 +1,5 @@
 """Resampling a camera's images once, from the video's pixels to an undistorted pinhole at the wanted scale."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -5,8 +5,6 @@ Nothing here imports Warp, USD or OpenCV, so that ``mmocap --help`` answers at o
 May import: every other room.
 """
 
-from __future__ import annotations
-
 import errno
 import gc
 import os

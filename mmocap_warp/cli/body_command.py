@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli.command import Answer, attributes, command, several
+from mmocap_warp.cli.console import CHECK_FAILED
 
 if TYPE_CHECKING:
     from mmocap_warp.body.skeleton import Skeleton
@@ -39,6 +40,8 @@ def import_body(call: Any, output: Path) -> Answer:
         "tracking_triangles": len(body.tracking_face),
         "motions": list(made.motions),
         "notes": made.notes,
+        "outline_overlap": round(made.outline.overlap, 4),
+        "fault": made.fault,
     }
     kinds = [_kind(how) for how in made.freedom[1:]]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
@@ -53,7 +56,10 @@ def import_body(call: Any, output: Path) -> Answer:
         *(f"  {note}" for note in made.notes),
         f"  {body.attribution}",
     ]
-    return Answer(values, lines)
+    if not made.fault:
+        return Answer(values, lines)
+    remedy = "say what those joints hang on in a joints file (--write-joints, --joints), or write it with --force"
+    return Answer(values, [*lines, f"check failed: {made.fault}; {remedy}"], CHECK_FAILED)
 
 
 def _kind(how: Freedom) -> str:

@@ -3,8 +3,6 @@
 They are read from the function's source, so that neither a help nor a list of commands imports what the work needs.
 """
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

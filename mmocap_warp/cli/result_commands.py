@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -331,15 +332,12 @@ def _measures_text(values: dict[str, Any]) -> str:
         spread = ", ".join(f"{word} {height[key]:.3f}" for word, key in (("least", "min"), ("most", "max")))
         parts.append(f"centre of mass [m]: mean height {height['mean']:.3f}, {spread} ({values['shares_of_mass']})")
     lengths = [
-        (bone, f"{length['length']:.0f}", f"{length['sigma']:.0f}" if length["sigma"] == length["sigma"] else "-")
+        (bone, f"{length['length']:.0f}", _number(length["sigma"], ".0f"))
         for bone, length in values["lengths_mm"].items()
     ]
     parts.append(table([("bone", "length [mm]", "sigma [mm]"), *lengths]))
-    parts += (
-        [f"left out, because the body lacks their joints: {', '.join(values['left_out'])}"]
-        if values["left_out"]
-        else []
-    )
+    if values["left_out"]:
+        parts.append(f"left out, because the body lacks their joints: {', '.join(values['left_out'])}")
     if values["not_searched"]:
         parts.append(
             f"left out, because the model does not search them: {', '.join(values['not_searched']).replace('_', ' ')}"
@@ -355,21 +353,17 @@ def _gait(shown: dict[str, Any]) -> str:
     for side in shown["on_floor_share"]:
         events = (_frames(shown[key][side]) for key in ("strike_frames", "off_frames"))
         means = (
-            _known(shown[key][side], form)
+            _number(shown[key][side], form)
             for key, form in (("step_length_m", ".3f"), ("stride_length_m", ".3f"), ("stance_share", ".0%"))
         )
         rows.append((side, *events, *means, f"{shown['on_floor_share'][side]:.0%}"))
-    return f"{table(rows)}\ncadence: {_known(shown['cadence_per_minute'], '.1f')} steps a minute"
+    return f"{table(rows)}\ncadence: {_number(shown['cadence_per_minute'], '.1f')} steps a minute"
 
 
 def _frames(numbers: list[int]) -> str:
     """Frame numbers; of many the first and how many there are."""
     first = " ".join(map(str, numbers[:6])) or "-"
     return first + (f" ... ({len(numbers)})" if len(numbers) > 6 else "")
-
-
-def _known(value: float, form: str) -> str:
-    return "-" if value != value else format(value, form)
 
 
 def summary(report: dict[str, Any]) -> str:
@@ -437,4 +431,4 @@ def _error(report: dict[str, Any], key: str) -> str:
 
 
 def _number(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
+    return "-" if value is None or math.isnan(value) else format(value, form)

@@ -1,7 +1,5 @@
 """Cameras from a board that is moved about, and the board to print: ``mmocap calib board`` and ``print-board``."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bodies that are made, imported, exported, given limits and drawn: ``mmocap body``."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,6 +16,7 @@ from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.display.still_pictures import draw_body
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.exports.glb import write_body_glb
+from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.rigged.gltf import read_gltf
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 from mmocap_warp.formats.rigged.urdf import read_urdf
@@ -27,6 +26,7 @@ from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.importing.imported import Imported, body_from_file, imported
 from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_joints_file
+from mmocap_warp.rigging.importing.proof import SAME_OUTLINE
 from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.rigging.start_poses import learnt
 from mmocap_warp.whole_file import read_text
@@ -86,10 +86,11 @@ def import_body(
         joint_set: a .toml table of further joints, which the body carries under that file's name.
         name: the body's name. [default: the output's name without ending]
         attribution: who made it, and under which licence. [default: what the file says]
-        force: replace files that exist.
+        force: replace files that exist, and write a body that the file's own motions contradict.
 
     Returns:
-        The body, its motions, and notes of what was done to it.
+        The body, its motions, and notes of what was done to it. Nothing is written where it has a ``fault`` and
+        ``force`` is not set. A picture stands beside the body where its tracking mesh differs from the file's skin.
 
     Raises:
         UsageError: axes, a scale or numbers of triangles that cannot be.
@@ -131,9 +132,14 @@ def import_body(
         text = read_text(joint_set, "give a TOML text file")
         parse_joint_set(text, made.body, Path(joint_set))
         made = replace(made, body=replace(made.body, joint_sets={Path(joint_set).stem: text}))
-    write_body(target, made.body, made.motions)
     if joints_target is not None:
         write_joints_file(joints_target, made.body, made.freedom)
+    if made.fault and not force:
+        return made
+    made = replace(made, notes=(*made.notes, *([made.fault] if made.fault else [])), fault="")
+    write_body(target, made.body, made.motions)
+    if made.outline.overlap < SAME_OUTLINE:
+        write_png(target.with_suffix(".outline.png"), made.outline.picture)
     return made
 
 

@@ -1,7 +1,5 @@
 """Clips that are made: ``mmocap study make``."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

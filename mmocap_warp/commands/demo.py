@@ -1,7 +1,5 @@
 """The built-in scene, or one of another body, tracked and compared with its truth: ``mmocap demo``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple

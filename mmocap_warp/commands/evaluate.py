@@ -1,7 +1,5 @@
 """How good a result is, and what it measures: ``mmocap eval`` and ``measure``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """What commands are given: a scene, a result, a body or a subject, each as an object or as the path of its file."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

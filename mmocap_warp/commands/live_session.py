@@ -1,7 +1,5 @@
 """Tracking while a recording is made: ``mmocap live``."""
 
-from __future__ import annotations
-
 import gc
 import math
 import time

@@ -1,7 +1,5 @@
 """A scene's masks, made once and judged: ``mmocap mask``."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 ``mmocap init``, ``mmocap synth``, ``mmocap dataset`` and ``mmocap humaneva``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ A lock is held on an empty hidden file. The system releases it with the process,
 to be cleaned up after a crash: the file may stay, but it locks nobody out. A file system without locks refuses nobody.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

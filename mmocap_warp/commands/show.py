@@ -1,7 +1,5 @@
 """A result to look at, ``mmocap show`` and ``view``, and its animation for other programs, ``mmocap export``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Studies that are run and reported, ``mmocap study``, and how fast the program is here, ``mmocap bench``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain

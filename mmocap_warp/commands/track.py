@@ -1,7 +1,5 @@
 """From a scene to a subject and a result: ``mmocap fit`` and ``mmocap track``."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The cores that this process may use; of the processor alone, so that no one waits for Warp to start."""
 
-from __future__ import annotations
-
 import os
 
 

@@ -1,7 +1,5 @@
 """The machine that Warp runs on: starting it, and its devices and free memory."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Candidates shared by CPU threads: Warp runs a CPU launch on the calling thread and frees the others meanwhile."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property

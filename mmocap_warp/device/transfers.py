@@ -1,7 +1,5 @@
 """What a GPU does without waiting for the host: copies through pinned memory, and captured graphs of launches."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ uses variables that a page with figures sets: ``--paper``, ``--ink``, ``--soft``
 series ``--c``, its colour. A picture that is a file of its own carries its style in it, for light and dark.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Drawing a posed body over what a camera saw: skin, contours and skeleton, as in the paper's Fig. 8-9."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

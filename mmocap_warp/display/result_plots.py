@@ -1,7 +1,5 @@
 """Curves of a result as SVG files: joint angles, feet over the floor, and errors by frame (Fig. 10 of the paper)."""
 
-from __future__ import annotations
-
 from itertools import count, pairwise
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Pictures of cameras that were found, with the floor as a grid, and of a body, with its joints and their limits."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path

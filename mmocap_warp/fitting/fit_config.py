@@ -1,7 +1,5 @@
 """The settings of a fit, checked."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from mmocap_warp.formats.toml_table import describes_settings, setting

@@ -1,7 +1,5 @@
 """One frame's body and pose from a guess: by contours to the bottom, and limb by limb out of wrong basins."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

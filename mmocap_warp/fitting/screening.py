@@ -1,7 +1,5 @@
 """Where to start with a body that may lie or bend any way: many ways are judged, and the best are kept."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mmocap_warp.body.posing import Poser

@@ -1,7 +1,5 @@
 """Where a subject stands, how tall it is and which way it may face: a short search from each of several headings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

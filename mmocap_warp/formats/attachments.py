@@ -1,7 +1,5 @@
 """Things that a body carries, as a scene file's ``[[attach]]`` tables name them."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import dataclass

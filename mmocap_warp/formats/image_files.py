@@ -1,7 +1,5 @@
 """Writing what browsers show and OpenCV's wheel encodes: ``.png``, animated ``.webp``, and ``.webm`` videos (VP8)."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import struct
@@ -9,6 +7,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
+from typing import Self
 
 import cv2
 import numpy as np
@@ -79,7 +78,7 @@ class WebmFile:
         self._size = (0, 0)
         self._frames = 0
 
-    def __enter__(self) -> WebmFile:
+    def __enter__(self) -> Self:
         with contextlib.ExitStack() as stack:
             self._unfinished = stack.enter_context(whole_file(self._path))
             self._encoded = self._unfinished.with_name(f"{self._unfinished.stem}.encoded.ivf")

@@ -5,8 +5,6 @@ ever, without an exception. So a file that this process did not write is read tw
 may be ended. The worker answers within milliseconds once it runs, and ends by itself when it has been idle for a while.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import select

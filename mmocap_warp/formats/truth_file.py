@@ -9,8 +9,6 @@ cameras, with the frame number as time code and in single precision (about 1e-7 
     /Truth/Joints   the same for the joints
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

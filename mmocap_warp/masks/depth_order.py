@@ -1,7 +1,5 @@
 """Who is in front of whom, of several people before the same cameras."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig

@@ -4,8 +4,6 @@ APF anneals all coordinates at once. Partition by partition it is the partitione
 PSAPF: J. Bandouch, F. Engstler, M. Beetz, British Machine Vision Conference, 2008. Section 4.1 of the paper.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,10 +1,8 @@
 """CMA-ES: N. Hansen, A. Ostermeier, Evolutionary Computation 9(2), 2001, with the parameters of the paper's Table 2."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
@@ -46,7 +44,7 @@ class CmaEsParameters:
     mu_cov: float
 
     @classmethod
-    def for_search(cls, dofs: int, population: int | None = None) -> CmaEsParameters:
+    def for_search(cls, dofs: int, population: int | None = None) -> Self:
         """The parameters for ``dofs`` dimensions, with Table 2's population unless one is given."""
         lam = population or 4 + math.floor(3 * math.log(dofs))
         mu = lam // 2

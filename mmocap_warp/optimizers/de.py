@@ -4,8 +4,6 @@ R. Storn, K. Price, J. Global Optimization 11, 1997; roles and mating: C. Garcí
 Soft Computing 15(11), 2011.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 import warp as wp

@@ -1,7 +1,5 @@
 """Minimise any batched cost over Warp arrays with any of the optimizers; see docs/algorithms.md for an example."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The inertia's exponential fall and the settings are those of V. John, E. Trucco,
 28(11), 2010, as the paper takes them over in Section 4.2.3 and Table 3.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

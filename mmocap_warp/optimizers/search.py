@@ -1,7 +1,5 @@
 """A search within a strict budget: the start first, then each part's optimizer."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Protocol
 

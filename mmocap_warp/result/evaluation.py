@@ -1,7 +1,5 @@
 """How good a result is: overlap with what was seen, and distance to what is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

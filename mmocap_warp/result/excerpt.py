@@ -1,7 +1,5 @@
 """A part of a result, or the same at another rate: what to export is chosen here."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

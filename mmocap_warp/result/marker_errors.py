@@ -14,8 +14,6 @@ The floor of a reading is what the tracked body scores at the true angles, its j
 brings them: where tracking has no error of its own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 

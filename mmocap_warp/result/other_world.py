@@ -1,7 +1,5 @@
 """Truth that is right, but in another world than the result: other axes, another origin or other units."""
 
-from __future__ import annotations
-
 import re
 from itertools import permutations, product
 from typing import Any

@@ -1,7 +1,5 @@
 """Distances between tracked joints and what is known of the real ones: whole arrays in, whole arrays out."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 

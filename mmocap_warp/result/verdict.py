@@ -4,8 +4,6 @@ What hides limbs, or people who walk by, spoil the overlap but hardly move a who
 nothing; a camera disagrees where the whole outline in its masks lies beside the body.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Where one camera's images and masks lie, and which of them belongs to a frame of the recording."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path

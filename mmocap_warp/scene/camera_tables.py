@@ -1,7 +1,5 @@
 """The cameras of a ``scene.toml``: where their images lie, and when they were taken, which is written to it, too."""
 
-from __future__ import annotations
-
 import difflib
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """A first ``scene.toml`` for a folder of videos: what is there is named, what is missing is said."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections import Counter

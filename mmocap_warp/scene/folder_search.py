@@ -3,8 +3,6 @@
 Projects of Pose2Sim, EasyMocap, Caliscope and OpenCap are known.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,14 +1,12 @@
 """Which frames are meant, as people write it (``100``, ``20:80``, ``20:80:2``), and reading images of these frames."""
 
-from __future__ import annotations
-
 import re
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
-from typing import Protocol, TypeVar
+from typing import Protocol, Self, TypeVar
 
 from mmocap_warp.masks.frames import VideoFile
 
@@ -23,7 +21,7 @@ class FrameChoice:
     stride: int = 1  # every how many-th
 
     @classmethod
-    def parse(cls, text: str) -> FrameChoice:
+    def parse(cls, text: str) -> Self:
         """Read a count, ``first:end`` or ``first:end:stride``; as in Python, ``first`` and ``end`` may be left out.
 
         Raises:

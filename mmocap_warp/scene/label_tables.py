@@ -1,7 +1,5 @@
 """Who and what label images show: the tables [labels] and [people.<name>] of a ``scene.toml``."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from itertools import chain

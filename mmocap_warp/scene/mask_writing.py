@@ -1,7 +1,5 @@
 """Writing a scene's masks to a folder that is a scene itself: made once, read fast."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import repeat

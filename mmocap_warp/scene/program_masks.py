@@ -3,8 +3,6 @@
 All lies in one folder, which is kept until the masks are finished: a run that was stopped goes on there.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Reading ``scene.toml``: every mistake is one :class:`~mmocap_warp.errors.InputError` before any work starts."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from dataclasses import replace

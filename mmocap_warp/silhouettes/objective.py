@@ -1,7 +1,5 @@
 """The objective: full pose vectors to costs, on the device."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

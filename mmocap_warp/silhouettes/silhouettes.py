@@ -3,8 +3,6 @@
 There are several ways to draw them: each makes something else of a piece of the mesh, and has its own kernel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType

@@ -1,7 +1,5 @@
 """Frames as they come: a scene's own files at their pace, a folder that grows, cameras, or a program's messages."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

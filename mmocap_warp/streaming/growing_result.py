@@ -3,8 +3,6 @@
 Frames are appended to a file beside it, and moved into it in the end; after a kill, before the next session.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

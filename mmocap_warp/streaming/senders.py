@@ -1,7 +1,5 @@
 """Packets to other programs, by the libraries that these use. No sender waits for those who listen."""
 
-from __future__ import annotations
-
 import json
 import queue
 import threading

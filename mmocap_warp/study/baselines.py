@@ -4,8 +4,6 @@ Both are judged as every tracked run is, over the same frames. They look at no m
 are unknown.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A study as its TOML file defines it: the grid as data."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path

@@ -5,8 +5,6 @@ They are named as in ``views=3``; several are joined by ``+``. With ``labelled``
 label of its own, as in label images: it is no foreground, but may hide the subject.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, islice

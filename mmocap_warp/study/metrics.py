@@ -1,7 +1,5 @@
 """The numbers that a study keeps of a tracked sequence: per run and frame, and per run. Metres and seconds."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mmocap_warp.body.posing import skin_positions

@@ -1,7 +1,5 @@
 """Tables that set everything tracked side by side: our trackers, baselines, strangers, radii, and what is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What the paper prints of its grid and its ranks, to compare with."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 ALGORITHM_ORDER: tuple[str, ...] = ("h-cmaes", "h-pso", "cmaes", "h-de", "de", "pso", "apf", "psapf")

@@ -1,7 +1,5 @@
 """The report of a study: one HTML page that needs nothing but itself, and its tables as Markdown and CSV."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The report's figures: ranks beside the paper's, Fig. 7's box plots, Fig. 10's curves, error and time by budget."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from html import escape
 from itertools import product

@@ -1,7 +1,5 @@
 """The paper's Fig. 8 and 9: the tracked body over what a camera saw, as drawings that follow the page's colours."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice

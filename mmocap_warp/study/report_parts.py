@@ -1,7 +1,5 @@
 """What the report is made of: the pieces of HTML that ``report_parts.html`` holds, choices, sections and tables."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

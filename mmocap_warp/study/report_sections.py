@@ -1,7 +1,5 @@
 """The report's sections, each a piece of HTML that reads without its script."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product

@@ -1,7 +1,5 @@
 """The report's headline, and its sections on time, search radii, setting and how to cite."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime

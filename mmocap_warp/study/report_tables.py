@@ -1,7 +1,5 @@
 """The paper's Tables 4 to 7 and what belongs to them, as tables that are written as HTML or as Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from html import escape
 from itertools import chain, groupby, zip_longest

@@ -4,8 +4,6 @@ The nine stand in for HumanEva-I's where nobody has a copy: seven cameras in its
 long as the paper's. ``docs/sequences.md`` says what is in all of them and how they are made.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections import UserDict
 from collections.abc import Callable, Mapping
@@ -13,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -72,7 +70,7 @@ class StudySequence:
             raise ValueError(f"frame must be in 0 to {self.frame_count - 1}, got {frame}")
         return self.recording.observation(frame)
 
-    def first(self, count: int) -> StudySequence:
+    def first(self, count: int) -> Self:
         """The sequence cut after ``count`` frames, which stay as they are; a ValueError if it has not so many."""
         if not 1 <= count <= self.frame_count:
             raise ValueError(f"{self.name} has 1 to {self.frame_count} frames to give, not {count}")

@@ -3,8 +3,6 @@
 A *block* is a problem that every algorithm solved: one of the sequences. Scores are "lower is better" throughout.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

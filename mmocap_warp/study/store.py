@@ -1,7 +1,5 @@
 """A study's cells as tasks, and their results: one file per cell, named by what it depends on."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

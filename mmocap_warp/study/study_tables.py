@@ -1,7 +1,5 @@
 """The paper's Tables 4 to 7 from a study: rankings with their tests."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product

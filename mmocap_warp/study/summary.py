@@ -136,7 +136,7 @@ def with_typical_pose(result: CellResult) -> CellResult:
     return replace(result, pose=result.pose[typical : typical + 1])
 
 
-@dataclass(frozen=True)
+@dataclass
 class StudySummary:
     """All cells of a study, and the grid that those of its main preset span.
 
@@ -153,68 +153,45 @@ class StudySummary:
     # what :func:`mmocap_warp.study.study_tables.rank` has made of it so far
     rankings: dict[tuple, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    preset: str = field(init=False)  # of most cells: the one that the study is about
-    presets: list[str] = field(init=False)  # all of them, the main one first
-    grid: list[Cell] = field(init=False)  # of the main preset and compared as the paper does; all where none is such
-    sequences: list[str] = field(init=False)  # of the grid
-    # people outside the family of the tracker's bodies, who stand apart from the grid
-    strangers: list[str] = field(init=False)
-    algorithms: list[str] = field(init=False)  # of the grid, see :func:`in_order`
-    # Those that search part by part: one half of the paper's Fig. 7 and, as far as its text tells, Table 6; and those
-    # that search all at once: Table 7. What this process has not registered is in neither.
-    hierarchical: list[str] = field(init=False)
-    holistic: list[str] = field(init=False)
-    models: list[int] = field(init=False)  # degrees of freedom, the most first
-    budgets: list[int] = field(init=False)  # evaluations per frame, ascending
-    measures: list[Measure] = field(init=False)  # what some cell knows, the one that the study is judged by first
-    evaluations: int = field(init=False)  # spent in all cells
-    # Trackers of the main preset that are not of the grid: ours. The body solved before the body as given.
-    others: list[Contender] = field(init=False)
-    baseline_contenders: list[Contender] = field(init=False)  # the baselines that are known
-    # all that can be compared with the larger model: our trackers, the grid's, the baselines
-    contenders: list[Contender] = field(init=False)
-
     def __post_init__(self) -> None:
         presets = [cell.preset for cell in self.cells]
-        preset = max(sorted(set(presets)), key=presets.count, default="")
-        main = [cell for cell in self.cells if cell.preset == preset]
+        # of most cells: the one that the study is about
+        self.preset: str = max(sorted(set(presets)), key=presets.count, default="")
+        # all of them, the main one first
+        self.presets = sorted(set(presets), key=lambda name: (name != self.preset, name))
+        main = [cell for cell in self.cells if cell.preset == self.preset]
         searches = [cell for cell in main if _is_search(cell.algorithm)] or main
-        grid = [cell for cell in searches if cell.sequence not in _OF_STRANGERS] or searches
-        sequences = _in_action_order(cell.sequence for cell in grid)
-        algorithms = in_order(cell.algorithm for cell in grid)
-        models = sorted({cell.dof for cell in grid}, reverse=True)
-        budgets = sorted({cell.evaluations for cell in grid})
+        # of the main preset and compared as the paper does; all where none is such
+        self.grid = [cell for cell in searches if cell.sequence not in _OF_STRANGERS] or searches
+        self.sequences = _in_action_order(cell.sequence for cell in self.grid)  # of the grid
+        # people outside the family of the tracker's bodies, who stand apart from the grid
+        strangers = ({cell.sequence for cell in main} & _OF_STRANGERS) - set(self.sequences)
+        self.strangers = _in_action_order(strangers)
+        self.algorithms = in_order(cell.algorithm for cell in self.grid)  # of the grid, see :func:`in_order`
+        # Those that search part by part: one half of the paper's Fig. 7 and, as far as its text tells, Table 6; and
+        # those that search all at once: Table 7. What this process has not registered is in neither.
+        known = [name for name in self.algorithms if name in ALGORITHMS]
+        self.hierarchical = [name for name in known if ALGORITHMS[name].hierarchical]
+        self.holistic = [name for name in known if not ALGORITHMS[name].hierarchical]
+        self.models = sorted({cell.dof for cell in self.grid}, reverse=True)  # degrees of freedom, the most first
+        self.budgets = sorted({cell.evaluations for cell in self.grid})  # evaluations per frame, ascending
+        every = self.cells.values()
+        # what some cell knows, the one that the study is judged by first
+        self.measures = [measure for measure in MEASURES if any(measure.key in cell.runs for cell in every)]
+        self.evaluations = sum(cell.evaluations for cell in every)  # spent in all cells
         place = {name: number for number, name in enumerate([*CONTOUR_TRACKERS, *ALGORITHMS])}
 
         def rank(who: Contender) -> tuple[bool, int, Contender]:
             return "+solved" not in who.algorithm, place.get(who.algorithm.partition("+")[0], len(place)), who
 
-        others = sorted({contender(cell) for cell in main if cell.algorithm not in algorithms}, key=rank)
-        baselines = [
-            Contender(name, models[0], 0) for name in BASELINES if name in {name for _, name in self.baselines}
-        ]
-        compared = [Contender(name, models[0], budget) for name in algorithms for budget in budgets]
-        known = [name for name in algorithms if name in ALGORITHMS]
-        every = self.cells.values()
-        found = {
-            "preset": preset,
-            "presets": sorted(set(presets), key=lambda name: (name != preset, name)),
-            "grid": grid,
-            "sequences": sequences,
-            "strangers": _in_action_order(({cell.sequence for cell in main} & _OF_STRANGERS) - set(sequences)),
-            "algorithms": algorithms,
-            "hierarchical": [name for name in known if ALGORITHMS[name].hierarchical],
-            "holistic": [name for name in known if not ALGORITHMS[name].hierarchical],
-            "models": models,
-            "budgets": budgets,
-            "measures": [measure for measure in MEASURES if any(measure.key in cell.runs for cell in every)],
-            "evaluations": sum(cell.evaluations for cell in every),
-            "others": others,
-            "baseline_contenders": baselines,
-            "contenders": [*others, *compared, *baselines],
-        }
-        for name, value in found.items():
-            object.__setattr__(self, name, value)
+        # Trackers of the main preset that are not of the grid: ours. The body solved before the body as given.
+        self.others = sorted({contender(cell) for cell in main if cell.algorithm not in self.algorithms}, key=rank)
+        with_baseline = {name for _, name in self.baselines}
+        # the baselines that are known
+        self.baseline_contenders = [Contender(name, self.models[0], 0) for name in BASELINES if name in with_baseline]
+        compared = [Contender(name, self.models[0], budget) for name in self.algorithms for budget in self.budgets]
+        # all that can be compared with the larger model: our trackers, the grid's, the baselines
+        self.contenders = [*self.others, *compared, *self.baseline_contenders]
 
     @classmethod
     def of(cls, results: Iterable[CellResult]) -> StudySummary:

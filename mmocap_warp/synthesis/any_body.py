@@ -1,7 +1,5 @@
 """Any body in a motion of its own, amid a ring of cameras: what to expect of a recording before it is made."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

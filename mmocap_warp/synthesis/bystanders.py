@@ -1,7 +1,5 @@
 """What else stands or moves before cameras: a person who walks by, and a piece of furniture; as perfect silhouettes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

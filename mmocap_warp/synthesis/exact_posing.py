@@ -1,7 +1,5 @@
 """Posing a body in double precision with NumPy: the same to the last pixel on any machine, and without the tracker."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -5,8 +5,6 @@ than above, where it hangs from; farther down it stands off more, in folds. It h
 swing.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cached_property
 

@@ -8,8 +8,6 @@ Of the strangers each segment has a length and a girth of its own, or they wear 
 tracker does with them shows how much it owes to the family of its bodies.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Writing what was made up as a scene: masks, calibration, truth, and the scene file that names them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol

@@ -5,8 +5,6 @@
 3. Cameras, times, body and poses of frames spread over the clip are solved as one problem.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -9,8 +9,6 @@ are combinations of what the root's three angles and its translation do. So the 
 from the body's, and need no kernels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ All frames share the parameters of the body, of the cameras and of their times; 
 :mod:`mmocap_warp.contour.body_problem`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

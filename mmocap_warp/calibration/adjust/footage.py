@@ -1,7 +1,5 @@
 """The frames of a recording that calibrate it, with times that may yet change, and the person who is seen in them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import islice
 

@@ -11,8 +11,6 @@ the body's, in every view alike. Over frames these are points that several camer
 them turns and moves cameras that contours cannot, because their outlines do not meet.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,6 +20,7 @@ from mmocap_warp.calibration.adjust.camera_changes import OFFSET, changed
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.masks.visual_hull import meeting_point, seen_at
+from mmocap_warp.result.pose_errors import nanmean
 
 _SPACING = 0.03  # metres between the hull's voxels
 _REACH = 1.0  # metres that the voxels reach along each axis from the point where the silhouettes meet
@@ -40,8 +39,7 @@ def coherence(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray
     undistorted, at the masks' size.
     """
     shares = np.array([_covered_shares(rig, observation) for observation in observations]).reshape(-1, len(rig))
-    count = np.isfinite(shares).sum(axis=0)
-    return np.where(count > 0, np.nansum(shares, axis=0) / np.maximum(count, 1), np.nan)
+    return nanmean(shares, axis=0)
 
 
 def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray:

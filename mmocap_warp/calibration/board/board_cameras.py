@@ -4,8 +4,6 @@ A small board far away does not tell focal length from distance, so places are s
 ``calibrateMultiview`` does that too, but only from boards of which all corners are seen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 

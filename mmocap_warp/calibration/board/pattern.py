@@ -1,10 +1,9 @@
 """Boards: what ``charuco:5x7:40mm`` means, the drawing to print, and its corners in an image."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import cv2
 import numpy as np
@@ -38,7 +37,7 @@ class Board:
         return size if self.kind == "chessboard" else f"{size}:{1000 * self.marker:g}mm:{self.dictionary}"
 
     @classmethod
-    def parse(cls, text: str) -> Board:
+    def parse(cls, text: str) -> Self:
         """A board as the command line has it: ``charuco:5x7:40mm`` or ``charuco:5x7:40mm:30mm:4x4_50``.
 
         Raises:

@@ -10,8 +10,6 @@ axes, returns together: a camera that was moved has moved along its view too, an
 that alone, is not needed beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

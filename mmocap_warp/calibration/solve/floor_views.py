@@ -8,8 +8,6 @@ height explain all frames, and each frame's place on the floor follows.
 floor, and by no mirror image: both look down on the same side of it. A straight walk therefore is enough.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

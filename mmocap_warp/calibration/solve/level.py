@@ -4,8 +4,6 @@ Where a plane through two cameras touches the head, or a foot, is a point of the
 lie in a plane, apart from the bobbing of the gait, and the feet on the floor lie in another.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,10 +6,9 @@ shape and pose. So in each frame every pair of views gives two equations for the
 person: only the convex hulls of the silhouettes count.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 
@@ -37,7 +36,7 @@ class Pinholes:
     focal: np.ndarray  # (camera, 2), focal lengths [px]
     middle: np.ndarray  # (camera, 2), principal points [px]
 
-    def moved(self, step: np.ndarray) -> Pinholes:
+    def moved(self, step: np.ndarray) -> Self:
         """The cameras after a step (camera, 7): rotation [rad], shift [m] and logarithm of the zoom."""
         from scipy.spatial.transform import Rotation
 

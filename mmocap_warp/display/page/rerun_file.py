@@ -1,7 +1,5 @@
 """A result as a recording of Rerun's (``.rrd``), whose own program shows it beside other data."""
 
-from __future__ import annotations
-
 from itertools import repeat
 from pathlib import Path
 from typing import Any

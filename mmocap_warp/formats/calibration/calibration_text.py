@@ -1,7 +1,5 @@
 """Reading a calibration's text, and what the text may leave open: the unit of lengths and the images' sizes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

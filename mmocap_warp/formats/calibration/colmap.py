@@ -4,8 +4,6 @@ COLMAP counts pixels from the image's corner, so that the middle of the first pi
 camera, quaternions with their real part first. A model has no unit of length until somebody gives it one.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path, PurePosixPath
 

@@ -4,8 +4,6 @@ A pose is world to camera, and the world is that of a master camera; ``a_to_b`` 
 fisheye is known by its four coefficients, one a row, as OpenCV gives them. Lengths are in the unit of the boards.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection
 from pathlib import Path

@@ -4,8 +4,6 @@ They are read with PyYAML, as text only, and not with OpenCV: its reader trusts 
 states, allocates that much, and may never return.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

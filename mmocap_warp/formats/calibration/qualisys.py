@@ -1,7 +1,5 @@
 """Calibrations exported by Qualisys Track Manager (``.qca.txt``, XML inside)."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError

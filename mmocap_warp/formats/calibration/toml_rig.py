@@ -1,8 +1,6 @@
 """Calibrations in TOML: that of aniposelib and Pose2Sim, a table for each camera, and Caliscope's own camera array,
 whose tables are below ``cameras`` and whose lengths are metres."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -10,8 +10,6 @@ Pose2Sim; humancalib/evaluation/biocv.py, which reports the scale in L. They say
   the joints' centres, such as LEFT_KNEE.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

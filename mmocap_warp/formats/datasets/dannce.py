@@ -13,8 +13,6 @@ MATLAB multiplies rows: ``[x 1] = [X 1] [r; t] K``, so K and r are transposed, a
 millimetres, z is up. A skew is part of K, and applied after the distortion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A recording of a data set that becomes a scene, and what the readers of data sets share."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

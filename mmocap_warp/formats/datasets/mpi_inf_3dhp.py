@@ -10,8 +10,6 @@ mean; SPIN's and PosePile's readers. They say that ``S1/Seq1`` holds
 - ``annot.mat``: ``annot3``, a cell for each camera with 28 joints a row [mm] in that camera's axes, and ``frames``.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -10,8 +10,6 @@ say that a sequence's folder holds
   numbers a joint: x, y, z [cm] and a confidence, of which the toolbox trusts what is over 0.1.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

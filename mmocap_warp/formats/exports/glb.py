@@ -9,8 +9,6 @@ glTF's cannot have the principal point aside from the middle of the image. A bod
 animation (``.vrma``), by the extension that names them.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Mapping
@@ -187,8 +185,7 @@ def _animate(motion: dict[str, Any], clip: _Clip, slides: np.ndarray, buffer: _B
     time = buffer.add(clip.time, "SCALAR")
     moving = (0, *np.flatnonzero(slides).tolist())
     outputs = [(joint, "translation", buffer.add(clip.local[:, joint, :3, 3], "VEC3")) for joint in moving]
-    for joint in range(rotation.shape[1]):
-        outputs.append((joint, "rotation", buffer.add(rotation[:, joint], "VEC4")))
+    outputs += [(joint, "rotation", buffer.add(rotation[:, joint], "VEC4")) for joint in range(rotation.shape[1])]
     targets = enumerate(({"node": first + joint, "path": path} for joint, path, _ in outputs), len(motion["samplers"]))
     motion["channels"] += [{"sampler": sampler, "target": target} for sampler, target in targets]
     motion["samplers"] += [{"input": time, "output": output} for *_, output in outputs]

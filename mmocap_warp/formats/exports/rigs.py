@@ -3,8 +3,6 @@
 The rigs are in ``rigs.toml``.
 """
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass, replace
 from importlib.resources import files

@@ -7,8 +7,6 @@ angle of the pose, and ``Ball_place.Tx_m`` a shift of a joint that slides. A fun
 that cannot be written to, or a package that is not installed.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ importers assume; Blender needs ``scale 0.01``. A joint's axes are the world's i
 the body's bind pose: joints keep their places, and their own frames are not in the file.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """HumanEva's small text files: cameras (``.cal``), offsets in time (``.ofs``) and a subject's measures (``.mp``)."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 See docs/sequences.md for what is read, and for what had to be assumed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

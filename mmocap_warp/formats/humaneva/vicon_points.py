@@ -14,8 +14,6 @@ Where two limbs meet, HumanEva gives an end of each, and at the thorax and the e
 mean.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Reading Acclaim's ``.asf`` (a skeleton) and ``.amc`` (its motion), as the CMU database has them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Points over time from ``.trc`` (OpenSim, Pose2Sim) and ``.c3d`` (motion capture systems)."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,11 +1,9 @@
 """A motion clip, which is a skeleton of any make that moves, and Biovision's ``.bvh`` read as one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -26,7 +24,7 @@ class MotionClip:
     marker_names: tuple[str, ...] = ()  # of markers that were seen on the actor; may be empty
     markers: np.ndarray | None = None  # (frame, marker, 3), NaN where one was unseen; None where there are none
 
-    def at_rate(self, fps: float) -> MotionClip:
+    def at_rate(self, fps: float) -> Self:
         """The clip resampled: places linearly, rotations by the rotation nearest to the mean of their neighbours'."""
         last = len(self.place) - 1
         when = np.arange(int(last * fps / self.fps) + 1) * self.fps / fps

@@ -212,6 +212,7 @@ def _read_primitive(document: _Document, primitive: dict[str, Any], joints: list
         sets = [i for i in range(len(attributes)) if f"JOINTS_{i}" in attributes]
         joint = np.concatenate([document.array(attributes[f"JOINTS_{i}"]) for i in sets], axis=1).astype(np.int64)
         weight = np.concatenate([document.array(attributes[f"WEIGHTS_{i}"]) for i in sets], axis=1).astype(np.float64)
+        weight[np.isnan(weight)] = 0.0  # exporters divide the weights of loose vertices by their sum of zero
     sound = vertex.shape[1] == 3 and joint.shape == weight.shape and len(joint) == len(vertex)
     if not sound or not np.isfinite(vertex).all() or not np.isfinite(weight).all() or (weight < 0).any():
         raise ValueError("a mesh's vertices and weights do not fit together, or are not finite")

@@ -14,6 +14,8 @@ from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd
 _REMEDY = "export the character with its UsdSkel skeleton and skin"
 _MAX_FRAMES = 36000
 _ATTRIBUTION = "mmocap:attribution"
+_CAMERAS = "/World/Cameras"  # this program's tracks have their cameras here
+_UPRIGHT = np.array([(1.0, 0, 0, 0), (0, 0, -1, 0), (0, 1, 0, 0), (0, 0, 0, 1)])  # +Y up, +Z ahead to +Z up, -Y ahead
 
 
 @reads_usd
@@ -61,6 +63,10 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
 
     # The skeleton's place in the stage, which may change with time, counts for joints and skin.
     placed = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(skeleton.GetPrim()), float).T
+    up = "+y" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else "+z"
+    # A track's body is bound with +Y up, whichever axis is up in its recording.
+    if up == "+z" and stage.GetPrimAtPath(_CAMERAS) and np.allclose(placed, np.eye(4)):
+        placed = _UPRIGHT
     bind = placed @ bind
 
     # All meshes that are bound to the skeleton, as one.
@@ -71,7 +77,6 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
         parts.append(Skin(points, triangles, *_read_weights(mesh, number, len(points))))
     stated = (prim.GetAttribute(_ATTRIBUTION) for prim in stage.Traverse() if prim.HasAttribute(_ATTRIBUTION))
     attributions = (str(attribute.Get()) for attribute in stated)
-    up = "+y" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else "+z"
     mesh = RiggedMesh(
         name=str(meshes[0].GetPrim().GetName()),
         joints=names,

@@ -15,8 +15,6 @@ A :class:`Subject` adds ``Skeleton/FirstPose``, a one-frame animation that shows
 and on the prim ``mmocap:rootBase`` (for row vectors, as all in USD), ``mmocap:pose`` and ``mmocap:provenance`` (JSON).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

@@ -4,8 +4,6 @@ A viewer's camera is the undistorted pinhole. Its lens values are single precisi
 calibration itself is kept as ``mmocap:`` attributes in double precision, so a rig reads back as it was written.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

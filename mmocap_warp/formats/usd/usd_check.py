@@ -5,8 +5,6 @@ are needed and lie elsewhere; a file with such a fault opens without a word and 
 the viewer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

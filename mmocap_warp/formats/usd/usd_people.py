@@ -7,8 +7,6 @@ Layout::
     /World/Cameras   the cameras of the first
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

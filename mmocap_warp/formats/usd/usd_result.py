@@ -6,13 +6,9 @@ Layout, with the recording's frame number as time code::
     /World/<body>            the subject as ``usd_body`` writes it
     /World/<body>/Animation  the best run as a SkelAnimation
     /World/Cameras/<view>    see ``usd_camera``
-    /World/Tracking          mmocap:resultVersion, frames, runs, bestRun, seconds, config and versions (JSON);
-                             per frame pose (run x coordinate), cost (run), iou (run x camera), evaluations (run),
-                             status (run); where known rawPose and angleSigma (run x coordinate), jointSigma
-                             (run x joint x 3) and viewShift (run x camera)
+    /World/Tracking          mmocap:resultVersion, frames, runs, bestRun, seconds, config and versions (JSON); what it
+                             has per frame is in docs/formats.md
 """
-
-from __future__ import annotations
 
 import json
 import tempfile

@@ -1,14 +1,7 @@
 """Skeletons as USD: joints and bind transforms as UsdSkel has them, and their degrees of freedom as attributes.
 
-On the ``Skeleton`` prim: ``mmocap:limitsLower`` and ``mmocap:limitsUpper`` [rad], ``mmocap:spread`` [rad];
-``mmocap:models``, numbers of degrees of freedom, the default first, and ``mmocap:dof39`` and so on, the names of each
-model's coordinates; ``mmocap:parts``, names of the hierarchy's steps, and ``mmocap:part``, the step of each joint;
-``mmocap:pairs``, names of left-right pairs, and ``mmocap:pairJoints``, the left and the right joint of each. Where
-there are any, ``mmocap:sliding``, joints whose coordinates and limits are lengths [m], and ``mmocap:attached``, joints
-of things that are no part of the body. A body that does not stand upright has ``mmocap:stands = false``.
+docs/bodies.md has the attributes' names and meanings.
 """
-
-from __future__ import annotations
 
 import numpy as np
 from pxr import Sdf, Usd, Vt

@@ -6,7 +6,7 @@ Files repeat a vertex wherever colours or normals change: skin is welded first.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import permutations
+from itertools import permutations, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -60,6 +60,20 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     return replace(mesh, vertex=vertex[kept], face=face.reshape(-1, 3), influence=influence, weight=weight)
 
 
+def weighted(mesh: RiggedMesh) -> RiggedMesh:
+    """The mesh with vertices that follow no joint following what the nearest vertex with weights follows."""
+    from scipy.spatial import cKDTree
+
+    loose = mesh.weight.sum(axis=1) == 0
+    if not loose.any() or loose.all():
+        return mesh
+    _, nearest = cKDTree(mesh.vertex[~loose]).query(mesh.vertex[loose])
+    influence, weight = mesh.influence.copy(), mesh.weight.copy()
+    influence[loose], weight[loose] = mesh.influence[~loose][nearest], mesh.weight[~loose][nearest]
+    note = f"{loose.sum()} of {len(loose)} vertices have no weights: they follow what the nearest one follows"
+    return replace(mesh, influence=influence, weight=weight, notes=(*mesh.notes, note))
+
+
 def four_influences(mesh: RiggedMesh) -> tuple[np.ndarray, np.ndarray, float]:
     """Each vertex's heaviest joints (vertex, 4) int32, weights (vertex, 4) float32 of sum one, and what was dropped.
 
@@ -82,9 +96,10 @@ def four_influences(mesh: RiggedMesh) -> tuple[np.ndarray, np.ndarray, float]:
 _MOST_HOLES = 200  # skin with more holes is wrapped instead of closed
 MOST_TRIANGLES, CELLS = 20_000, 40
 """A mesh of more triangles is wrapped, which is quicker than making it coarser; and the grid's cells along its side."""
-_PIECE_TRIANGLES, _PIECE_CELLS = 60_000, 20  # the same of a connected piece of a mesh
-_MOST_PIECES = 200  # a mesh of more pieces is wrapped as one: a coarse mesh could not hold all of them
-_SMALLEST_PIECE = 0.03  # smaller pieces, such as eyes and buttons, are left out; a share of the mesh's extent
+_PIECE_TRIANGLES, _PIECE_CELLS = 60_000, 20  # the same of a connected piece of a mesh, at least
+_WHOLE_CELLS = 80  # a wrapped piece has cells as small as if so many lay along the whole mesh
+_MOST_PIECES = 200  # a coarse mesh could not hold more pieces
+_SMALLEST_PIECE = 0.01  # smaller pieces, such as eyes and buttons, are left out; a share of the mesh's extent
 
 
 class ClosedMesh(NamedTuple):
@@ -126,26 +141,54 @@ def _filled(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh | str:
     return ClosedMesh(middle, beside, outward(np.concatenate([vertex, middle]), whole), done)
 
 
-def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh:
+def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh | None:
     """As :func:`closed`; but where that would wrap the mesh, each of its connected pieces is closed by itself.
 
-    A silhouette is that of the pieces' union. A wrap of the whole would join legs and fill armpits.
+    A silhouette is that of the pieces' union. A wrap of the whole would join legs and fill armpits. None where there
+    are too many pieces, or none that can be seen.
     """
     whole = _filled(vertex, face) if len(face) <= MOST_TRIANGLES else f"it has {len(face)} triangles"
     if not isinstance(whole, str):
         return whole
     edge = mesh_edges(face)
     piece = _pieces(edge[:, 0], edge[:, 1], len(vertex))[face[:, 0]]
-    least = _SMALLEST_PIECE * float(np.ptp(vertex[face].reshape(-1, 3), axis=0).max())
+    extent = _extent(vertex, face)
     parts = [face[piece == number] for number in np.unique(piece)]
-    shown = [part for part in parts if np.ptp(vertex[part].reshape(-1, 3), axis=0).max() >= least]
+    shown = [part for part in parts if _extent(vertex, part) >= _SMALLEST_PIECE * extent]
     if not 0 < len(shown) <= _MOST_PIECES:
-        return wrapped(vertex, face, CELLS, whole)
-    made = [closed(vertex, part, _PIECE_TRIANGLES, _PIECE_CELLS) for part in shown]
+        return None
+    # Where three triangles meet at an edge, as a collar does on a shirt, each sheet is closed by itself.
+    sheets = [s for part in shown for s in ([part] if isinstance(_filled(vertex, part), ClosedMesh) else _sheets(part))]
+    cells = [max(_PIECE_CELLS, round(_WHOLE_CELLS * _extent(vertex, sheet) / extent)) for sheet in sheets]
+    made = [closed(vertex, *each) for each in zip(sheets, repeat(_PIECE_TRIANGLES), cells, strict=False)]
+    if len(sheets) > len(shown):
+        made = [_with_own_vertices(vertex, each) for each in made]
     changed = sum(bool(part.done) for part in made)
     done = f"{len(made)} pieces, of which {changed} were closed or wrapped in new surfaces"
     left_out = f"; {len(parts) - len(shown)} small ones left out" if len(shown) < len(parts) else ""
     return joined_meshes(made, len(vertex), done + left_out)
+
+
+def _with_own_vertices(vertex: np.ndarray, surface: ClosedMesh) -> ClosedMesh:
+    """A surface that shares no vertex with others: it adds copies of those of the mesh."""
+    used, face = np.unique(surface.face, return_inverse=True)
+    place = np.concatenate([vertex, surface.added])[used]
+    beside = np.concatenate([np.arange(len(vertex)), surface.beside])[used]
+    return ClosedMesh(place, beside, len(vertex) + face.reshape(-1, 3), surface.done)
+
+
+def _extent(vertex: np.ndarray, face: np.ndarray) -> float:
+    return float(np.ptp(vertex[face].reshape(-1, 3), axis=0).max())
+
+
+def _sheets(face: np.ndarray) -> list[np.ndarray]:
+    """Triangles that hang together over edges of two triangles."""
+    edge = np.sort(np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    _, number, count = np.unique(edge, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(number.ravel(), kind="stable")
+    first, second = order[count[number.ravel()[order]] == 2].reshape(-1, 2).T // 3
+    sheet = _pieces(first, second, len(face))
+    return [face[sheet == each] for each in np.unique(sheet)]
 
 
 def joined_meshes(parts: list[ClosedMesh], vertices: int, done: str) -> ClosedMesh:

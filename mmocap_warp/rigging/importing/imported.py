@@ -17,11 +17,13 @@ from mmocap_warp.rigging.importing.closing import (
     closed_pieces,
     four_influences,
     joined_meshes,
+    weighted,
     welded,
 )
 from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, without_fine_joints
 from mmocap_warp.rigging.importing.joint_tree import (
     mirrored_pairs,
+    name_list,
     parts_of,
     sides_crossed,
     with_moving_parents,
@@ -30,6 +32,7 @@ from mmocap_warp.rigging.importing.joint_tree import (
     with_parents,
 )
 from mmocap_warp.rigging.importing.joints_file import GivenJoints, with_given
+from mmocap_warp.rigging.importing.proof import SAME_OUTLINE, Outline, strays, worst_outline
 
 TRIANGLES = 2600
 """Of a tracking mesh, by default; as many as a shipped person's has."""
@@ -53,6 +56,8 @@ class Imported:
     freedom: list[Freedom]  # of its joints, in their order
     motions: dict[str, BodyMotion]  # its animations by name
     notes: tuple[str, ...]  # what was done or left out, a line each
+    fault: str  # why the body is not the file's; empty where it is
+    outline: Outline  # where its tracking mesh is least like the file's skin
 
 
 def imported(
@@ -88,7 +93,7 @@ def imported(
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
     mesh = with_moving_parents(with_parents(mesh, given.parents), given.parents)
-    mesh = welded(with_one_root(mesh))
+    mesh = weighted(welded(with_one_root(mesh)))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
     # How its joints move, and the closed mesh that is tracked.
@@ -119,11 +124,15 @@ def imported(
         rigid=mesh.rigid if given.rigid is None else given.rigid,
     )
     # The file's animations as poses of that body.
-    motions = {}
+    motions, apart = {}, {}
     for label, motion in mesh.motions.items():
-        motions[label], apart = body_motion(body, mesh.bind, motion)
-        notes.append(f"motion {label}: {len(motion.world)} frames, joints within {1000 * apart:.1f} mm of the file's")
-    return Imported(body, freedom, motions, tuple(notes))
+        motions[label], apart[label] = body_motion(body, mesh.bind, motion)
+    motion_notes, fault = strays(body, mesh, apart)
+    outline = worst_outline(body, mesh, motions)
+    notes += motion_notes
+    if outline.overlap < SAME_OUTLINE:
+        notes.append(f"outline {outline.view}: overlaps the file's skin by {outline.overlap:.3f} only")
+    return Imported(body, freedom, motions, tuple(notes), fault, outline)
 
 
 def _size_note(mesh: RiggedMesh, scale: float) -> list[str]:
@@ -183,7 +192,8 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     if dropped > _NEGLIGIBLE:
         notes.append(f"vertices follow at most four joints: up to {100 * dropped:.1f} % of one's weight was dropped")
     # A closed surface; its new vertices follow the joints of a vertex beside them.
-    surface = _close_parts(mesh) if mesh.rigid else closed_pieces(mesh.vertex, mesh.face)
+    surface = None if mesh.rigid else closed_pieces(mesh.vertex, mesh.face)
+    surface = surface or _close_parts(mesh)
     notes += [f"tracking mesh: {surface.done}"] if surface.done else []
     vertex = np.concatenate([mesh.vertex, surface.added])
     beside = np.concatenate([np.arange(len(mesh.vertex)), surface.beside])
@@ -211,17 +221,17 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
 
 
 def _close_parts(mesh: RiggedMesh) -> ClosedMesh:
-    """Each rigid part closed by itself: a robot's parts are hollow, and meet in joints."""
+    """What follows each joint closed by itself: a robot's parts are hollow, and meet in joints."""
     follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
     names = np.unique(follows)
     made = [closed(mesh.vertex, mesh.face[follows == joint], _PART_TRIANGLES, _PART_CELLS) for joint in names]
-    changed = [mesh.joints[joint] for joint, part in zip(names, made, strict=True) if part.done]
-    done = f"parts closed or wrapped in new surfaces: {', '.join(changed)}" if changed else ""
+    changed = [joint for joint, part in zip(names, made, strict=True) if part.done]
+    done = f"parts closed or wrapped in new surfaces: {name_list(mesh, changed)}" if changed else ""
     return joined_meshes(made, len(mesh.vertex), done)
 
 
-def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tuple[BodyMotion, float]:
-    """Poses of a body whose joints turn and slide as a file's do, and how far joints are from the file's at most [m].
+def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tuple[BodyMotion, np.ndarray]:
+    """Poses of a body whose joints turn and slide as a file's do, and (frame, joint) their distances from those [m].
 
     All three coordinates of every joint are taken, whether they are searched or not. Bones keep their lengths but for
     joints that slide; a file's may change. The motion is in the body's axes and metres, and ``bind`` (joint, 4, 4) is
@@ -247,8 +257,7 @@ def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tupl
             continue
         own = frame[joint].T @ np.swapaxes(above, -1, -2) @ turned[:, joint] @ frame[joint]
         pose[:, coordinates] = continuous_zyx_angles(own, free)
-    apart = float(np.linalg.norm(place - motion.world[:, :, :3, 3], axis=2).max())
-    return BodyMotion(motion.fps, pose), apart
+    return BodyMotion(motion.fps, pose), np.linalg.norm(place - motion.world[:, :, :3, 3], axis=2)
 
 
 _AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")

@@ -55,37 +55,62 @@ def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
     return reorder(replace(mesh, parent=tuple(parent)))
 
 
-_LOOSE, _HELD = 0.05, 0.01  # how far a joint moves about another that holds it not, or holds it; of the mesh's extent
+_LOOSE = 0.05  # a joint that moves farther about another is not held by it; as a share of the mesh's extent
+_STEADIER = 0.7  # another joint must leave at most so much of a joint's motion for it to be hung there
 
 
 def with_moving_parents(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:
     """The mesh with joints hung on what they move with, where they leave the joint that they hang on.
 
     Rigs for animators hang feet on the root and let inverse kinematics bring them to the shins: the file's motions show
-    what holds them. Joints in ``kept`` and those that slide by their file stay where they are.
+    what holds them. A joint goes to the one in whose axes its place varies least, the clearest case first. What moves
+    no skin is detached, and a root that the only joint on it leaves gives its skin to that joint. Joints in ``kept``
+    and those that slide by their file stay where they are.
     """
     if not mesh.motions:
         return mesh
-    extent, has_skin = float(np.ptp(mesh.vertex, axis=0).max()), skin_below(mesh) > 0
+    limit, skin = _LOOSE * float(np.ptp(mesh.vertex, axis=0).max()), skin_below(mesh)
     world = np.concatenate([motion.world for motion in mesh.motions.values()])
     parent, notes = list(mesh.parent), list(mesh.notes)
-    for joint, above in enumerate(mesh.parent):
-        if joint in mesh.axes or mesh.joints[joint] in kept or not has_skin[joint]:
+    roots = [joint for joint, above in enumerate(parent) if above < 0]
+    trunk = max(roots, key=lambda joint: skin[joint])
+    # How much the places of joints vary in the axes of each other joint, of those that leave what they hang on.
+    varies: dict[int, np.ndarray] = {}
+    for joint in range(len(parent)):
+        above = parent[joint] if joint not in roots else trunk
+        if joint == trunk or joint in mesh.axes or mesh.joints[joint] in kept:
             continue
-        # How far the joint strays from its middle place in the axes of each other joint.
-        offset = world[:, joint, None, :3, 3] - world[:, :, :3, 3]
-        local = np.einsum("fjba,fjb->fja", world[:, :, :3, :3], offset)
-        strays = np.linalg.norm(local - np.median(local, axis=0), axis=2).max(axis=0)
-        if above >= 0 and strays[above] < _LOOSE * extent:
-            continue
-        below = [other for other in range(len(parent)) if joint in _ancestors(parent, other)]
-        strays[~has_skin], strays[below] = np.inf, np.inf
-        holder = int(strays.argmin())
-        if strays[holder] < _HELD * extent and holder != above:
-            parent[joint] = holder
-            was = f", not with {mesh.joints[above]}" if above >= 0 else ""
-            notes.append(f"{mesh.joints[joint]} moves with {mesh.joints[holder]}{was}: hung on it")
-    return reorder(replace(mesh, parent=tuple(parent), notes=tuple(notes)))
+        strays = _strays(world, joint)
+        if strays[:, above].max() >= limit:
+            if skin[joint] > 0:
+                varies[joint] = np.sqrt((strays**2).mean(axis=0))
+                varies[joint] /= max(varies[joint][above], 1e-9 * limit)
+                varies[joint][skin == 0] = np.inf
+            else:
+                parent[joint] = -1
+    while varies:
+        for joint, share in varies.items():
+            share[[other for other in range(len(parent)) if joint in _ancestors(parent, other)]] = np.inf
+        joint = min(varies, key=lambda joint: varies[joint].min())
+        holder = int(varies[joint].argmin())
+        if varies.pop(joint)[holder] >= _STEADIER:
+            break
+        was = f", not with {mesh.joints[parent[joint]]}" if parent[joint] >= 0 else ""
+        notes.append(f"{mesh.joints[joint]} moves with {mesh.joints[holder]}{was}: hung on it")
+        parent[joint] = holder
+    # A root that stays behind is no part of the body.
+    influence, on_trunk = mesh.influence, [joint for joint, above in enumerate(parent) if above == trunk]
+    shown = [joint for joint in on_trunk if skin[joint] > 0]
+    if len(shown) == 1 and _strays(world, shown[0])[:, trunk].max() >= limit:
+        influence = np.where(influence == trunk, shown[0], influence)
+    return reorder(replace(mesh, parent=tuple(parent), influence=influence, notes=tuple(notes)))
+
+
+def _strays(world: np.ndarray, joint: int) -> np.ndarray:
+    """(frame, other joint): how far a joint is from its middle place in the axes of each other joint."""
+    offset = world[:, joint, None, :3, 3] - world[:, :, :3, 3]
+    local = np.einsum("fjba,fjb->fja", world[:, :, :3, :3], offset)
+    return np.linalg.norm(local - np.median(local, axis=0), axis=2)
 
 
 def _ancestors(parent: list[int], joint: int) -> list[int]:
@@ -128,7 +153,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     # Further trees hang on it.
     stray = [joint for joint in roots if shown[joint] and below[joint] > 0 and joint != main]
     if stray:
-        notes.append(f"{_name_list(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
+        notes.append(f"{name_list(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
     parent = list(mesh.parent)
     for joint in (main, *stray):
         parent[joint] = -1 if joint == main else main
@@ -137,11 +162,12 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     order.remove(main)
     left_out = [joint for joint in range(len(parent)) if not shown[joint]]
     if left_out:
-        notes.append(f"{_name_list(mesh, left_out)} move no skin: left out")
+        notes.append(f"{name_list(mesh, left_out)} move no skin: left out")
     return reorder(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
 
 
-def _name_list(mesh: RiggedMesh, joints: list[int]) -> str:
+def name_list(mesh: RiggedMesh, joints: list[int]) -> str:
+    """Some joints' names, the first five of many."""
     names = [mesh.joints[joint] for joint in joints]
     return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:5])} and {len(names) - 5} more"
 

@@ -3,8 +3,6 @@
 Silhouettes are what a real camera would see, lens and all. OpenCV draws them: they share nothing with the tracker.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

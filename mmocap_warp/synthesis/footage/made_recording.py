@@ -1,10 +1,9 @@
 """A body in motion before cameras, known exactly; each frame is made when asked for, the same in any order."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -33,7 +32,7 @@ class Recording:
     def __len__(self) -> int:
         return len(self.poses)
 
-    def first(self, count: int) -> Recording:
+    def first(self, count: int) -> Self:
         """The recording cut after ``count`` frames, which stay as they are."""
         return replace(self, poses=self.poses[:count])
 

@@ -6,9 +6,8 @@ edges that are left, the contour generators. A body of 13,000 faces has a thousa
 takes about a millisecond, and the pixel rule is exact: a pixel belongs to it if its centre does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -25,7 +24,7 @@ class Surface:
     right: np.ndarray  # (edge,) int, the face that runs against it; ``len(face)`` where the mesh ends
 
     @classmethod
-    def of(cls, face: np.ndarray) -> Surface:
+    def of(cls, face: np.ndarray) -> Self:
         """The edges of a mesh in which at most two faces meet at an edge, and run along it in opposite directions."""
         corners = face.shape[1]
         edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)

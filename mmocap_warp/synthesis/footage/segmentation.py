@@ -4,11 +4,10 @@ Quick enough to run whenever a frame is asked for, because only the surroundings
 chance is drawn from a generator that is seeded per camera and frame.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import NormalDist
+from typing import Self
 
 import cv2
 import numpy as np
@@ -32,7 +31,7 @@ class Contrast:
     shadow: float = 0.0  # share of the shadow at the feet that is taken for the body, at least 0 and below 1
     dropouts: float = 0.0  # mean number of times in 1000 frames that the camera delivers nothing for a while
 
-    def worse(self, factor: float) -> Contrast:
+    def worse(self, factor: float) -> Self:
         """The same camera where the subject's clothes or the light are worse: all but the dropouts times ``factor``."""
         scaled = {name: getattr(self, name) * factor for name in ("halo", "flicker", "ragged", "holes", "specks")}
         return replace(self, **scaled, shadow=min(_MOST_SHADOW, self.shadow * factor))

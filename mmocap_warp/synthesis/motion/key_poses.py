@@ -4,8 +4,6 @@ Flash and Hogan, *The coordination of arm movements* (J. Neuroscience 5, 1985): 
 ``s(t) = 10 t^3 - 15 t^4 + 6 t^5``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import comb
 

@@ -3,9 +3,8 @@
 Lengths are in metres and angles in radians.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -41,7 +40,7 @@ class Leg:
     shank: np.ndarray  # (3,), knee to ankle [m]
 
     @classmethod
-    def of(cls, body: BodyModel, side: str) -> Leg:
+    def of(cls, body: BodyModel, side: str) -> Self:
         """The leg of one side, ``L`` or ``R``."""
         hip, knee, ankle = (rest_place(body, side + name) for name in _LEG)
         return cls(hip - body.joint_rest[0], knee - hip, ankle - knee)
@@ -129,7 +128,7 @@ class Arm:
     fore: np.ndarray  # (3,), elbow to wrist, in the elbow's axes [m]
 
     @classmethod
-    def of(cls, body: BodyModel, side: str) -> Arm:
+    def of(cls, body: BodyModel, side: str) -> Self:
         """The arm of one side, ``L`` or ``R``."""
         chest, shoulder, elbow = (rest_axes(body, name) for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow"))
         at = {name: rest_place(body, side + name) for name in ("Shoulder", "Elbow", "Wrist")}

@@ -6,11 +6,10 @@ alone and never beyond straight. The path is scaled by the ratio of the legs, so
 the two skeletons allow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -115,7 +114,7 @@ class _Actor:
     markers: np.ndarray  # (frame, marker, 3)
 
     @classmethod
-    def of(cls, clip: MotionClip, source: object) -> _Actor:
+    def of(cls, clip: MotionClip, source: object) -> Self:
         joints = _find_joints(clip, source)
         index = list(joints.values())
         axes = _rest_axes({name: clip.rest[j] for name, j in joints.items()}, source)
@@ -123,7 +122,7 @@ class _Actor:
         markers = np.zeros((len(clip.place), 0, 3)) if clip.markers is None else clip.markers @ axes
         return cls(tuple(joints), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation, markers)
 
-    def part(self, frames: slice) -> _Actor:
+    def part(self, frames: slice) -> Self:
         """The same in some of the frames."""
         rotation = {name: turned[frames] for name, turned in self.rotation.items()}
         return replace(self, place=self.place[frames], rotation=rotation, markers=self.markers[frames])

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from other_bodies import quadruped
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdUtils
+from synthetic import synthetic_result
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
 from mmocap_warp.formats.usd.usd_body import write_body
+from mmocap_warp.formats.usd.usd_result import export_animation
 
 
 def test_joints_skin_and_units(tmp_path: Path) -> None:
@@ -92,3 +94,13 @@ def test_a_skeleton_that_is_placed_in_the_stage_an_instance_and_a_package(tmp_pa
         np.testing.assert_allclose(read.bind[:, :3, 3], dog.joint_rest @ turn.T + (1, 2, 3), atol=1e-6)
         np.testing.assert_allclose(read.vertex, dog.skin.rest @ turn.T + (1, 2, 3), atol=1e-6)
         np.testing.assert_allclose(read.bind[0, :3, :3], turn @ read_usd_skel(path).bind[0, :3, :3], atol=1e-6)
+
+
+def test_a_track_in_a_world_whose_z_is_up_is_bound_standing(tmp_path: Path) -> None:
+    result, body, track = synthetic_result(up="+z"), tmp_path / "body.usda", tmp_path / "track.usda"
+    write_body(body, result.subject.body)
+    export_animation(result, track)
+    read = read_usd_skel(track)
+    turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    assert read.up == "+z"
+    np.testing.assert_allclose(read.bind[:, :3, 3], read_usd_skel(body).bind[:, :3, 3] @ turn.T, atol=1e-6)

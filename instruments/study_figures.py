@@ -1,5 +1,8 @@
 """The figures of docs/study, from its data: ``python instruments/study_figures.py`` writes docs/study/README.md anew.
 
+``python instruments/study_figures.py RESULTS...`` first puts cells that ``mmocap study run`` wrote into results.csv, in
+place of those that it has of them.
+
 docs/study/README.in is that page with ``{{FUNCTION WORD ...}}`` in place of each figure. A function is a method of
 ``StudyFigures``. Its words choose cells in any order: a sequence, ``nine`` or ``strangers``; an algorithm or ``eight``;
 28 or 39 degrees of freedom; evaluations; a preset of radii; and beside them a column of results.csv and decimals such
@@ -11,7 +14,7 @@ from __future__ import annotations
 import csv
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -20,10 +23,13 @@ from pathlib import Path
 import numpy as np
 from paper_claims import CLAIMS, Finding, check_claims
 
+from mmocap_warp.errors import InputError
 from mmocap_warp.study import statistics
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.paper import ALGORITHM_ORDER, GRID_EVALUATIONS, average_ranks, printed_ranks
+from mmocap_warp.study.report_build import csv_table
 from mmocap_warp.study.report_setting import pace_of
+from mmocap_warp.study.store import read_results
 from mmocap_warp.study.study_tables import Ranking, by_algorithm, by_model, model_differences
 from mmocap_warp.study.summary import MEASURE_OF, CellSummary, Contender, Measure, StudySummary, algorithm_label
 
@@ -35,8 +41,8 @@ PRESETS = ("recording", "common", "paper-rotation", "paper-translation", "paper"
 EVALUATIONS_OF = {"search-contour": 120, "contour": 0}
 """Of the trackers that have one budget."""
 
-WHOLE = ((39, 500), (39, 1500), (39, 3000), (28, 500), (28, 1500))
-"""The models and budgets of which no cell is missing."""
+FIRST_DAY = "2026-11-22"
+"""When most cells were tracked."""
 
 
 _SHOWN = (
@@ -47,7 +53,7 @@ _SHOWN = (
     *product(("h-cmaes",), (28,), (1500, 3000)),
     *product(("h-pso", "h-de"), (39,), (3000,)),
     *product(("cmaes", "pso", "psapf", "apf"), (39,), (3000,)),
-    ("h-pso", 28, 3000),
+    *product(("h-pso", "psapf"), (28,), (3000,)),
     ("de", 39, 1500),
 )
 """Algorithms, models and budgets of the page's table of means."""
@@ -130,8 +136,17 @@ class StudyFigures:
         """How many of the chosen cells there are not."""
         return str(sum(cell not in self.rows for cell in self.choose(words).cells))
 
-    def missing(self) -> str:
-        """The eight's missing cells with 3000 evaluations and 28 degrees of freedom, in words."""
+    def later(self) -> str:
+        """Which cells are not of the first day, in words."""
+        rows = [row for row in self.rows.values() if not row["started"].startswith(FIRST_DAY)]
+        eight = [row for row in rows if row["algorithm"] in ALGORITHM_ORDER]
+        if len(eight) < len(rows):
+            raise ValueError("our own trackers were tracked again: say so on the page")
+        devices = " and ".join(sorted({row["device"] for row in eight}))
+        return f"{len(eight)} cells with 3000 evaluations and 28 degrees of freedom (241469fc, 25 November, {devices})"
+
+    def not_run(self) -> str:
+        """A sentence on the eight's missing cells, all with 3000 evaluations and 28 degrees of freedom."""
         texts = []
         for name in ALGORITHM_ORDER:
             there = [sequence for sequence in NINE if Cell(sequence, name, 28, 3000) in self.rows]
@@ -139,7 +154,12 @@ class StudyFigures:
             if gone:
                 few = f"on {', '.join(gone)}" if len(gone) <= len(there) else f"but on {', '.join(there)}"
                 texts.append(f"{algorithm_label(name)} {few if there else 'on all nine'}")
-        return "; ".join(texts)
+        cells = "of the paper's 432 cells"
+        if not texts:
+            return f"None {cells} is missing."
+        lacking = self.lacking("eight", "500", "1500", "3000", "39", "28")
+        where = f"with 3000 evaluations and 28 degrees of freedom: {'; '.join(texts)}"
+        return f"Not run: {lacking} {cells}, {where}."
 
     def best_each(self, *words: str) -> str:
         """The error of the best of the eight at 500 evaluations on each chosen sequence."""
@@ -185,7 +205,12 @@ class StudyFigures:
     def action(self, name: str) -> str:
         """Mean over the eight on an action or a subject, of the models and budgets of which no cell is missing."""
         sequences = [sequence for sequence in NINE if name in sequence.split("/")]
-        cells = [Cell(*of, *model) for of in product(sequences, ALGORITHM_ORDER) for model in WHOLE]
+        whole = [
+            model
+            for model in product((39, 28), (500, 1500, 3000))
+            if all(Cell(*of, *model) in self.rows for of in product(NINE, ALGORITHM_ORDER))
+        ]
+        cells = [Cell(*of, *model) for of in product(sequences, ALGORITHM_ORDER) for model in whole]
         return f"{self.values(Choice(cells, 'mpjpe_mm', 0)).mean():.0f}"
 
     def ms(self, *words: str) -> str:
@@ -440,11 +465,32 @@ def study_page(folder: Path = FOLDER) -> str:
     return StudyFigures(folder).fill((FOLDER / "README.in").read_text(encoding="utf-8"))
 
 
-def main() -> int:
+def add_cells(folders: Sequence[str]) -> None:
+    """Put the cells of folders into results.csv."""
+    results = [result for folder in folders for result in read_results(folder)]
+    damaged = [result for result in results if isinstance(result, InputError)]
+    if damaged:
+        raise damaged[0]
+    lines: dict[Cell, dict[str, str]] = {}
+    for text in ((FOLDER / "results.csv").read_text(encoding="utf-8"), csv_table(StudySummary.of(results))):
+        lines |= {_cell(line): line for line in csv.DictReader(text.splitlines())}
+    fields = list(next(iter(lines.values())))
+    with (FOLDER / "results.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, fields, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(line for _, line in sorted(lines.items()))
+
+
+def main(folders: Sequence[str]) -> int:
     """Write the page."""
+    if folders:
+        add_cells(folders)
     (FOLDER / "README.md").write_text(study_page(), encoding="utf-8")
+    have = StudyFigures().have("eight", "500", "1500", "3000", "39", "28")
+    paper = FOLDER.parents[1] / "paper" / "paper.md"
+    paper.write_text(re.sub(r"\d+ of 432(?= cells)", have, paper.read_text(encoding="utf-8")), encoding="utf-8")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

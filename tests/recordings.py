@@ -80,6 +80,13 @@ def write_recording(folder: Path, frames: int = FRAMES, speed: float = 1.0) -> N
     (folder / "scene.toml").write_text(_SCENE.format(cameras=cameras))
 
 
+def write_many(folder: Path) -> None:
+    """Three short recordings."""
+    for name in ("many/one", "many/two", "many/three"):
+        (folder / name).mkdir(parents=True)
+        write_recording(folder / name, 3)
+
+
 def write_study(folder: Path) -> None:
     """Three cells of the recording."""
     (folder / "study.toml").write_text(_STUDY)

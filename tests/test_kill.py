@@ -1,4 +1,4 @@
-"""A kill of what is quick; all five commands and a hundred kills are a command, see docs/testing.md."""
+"""A kill of what is quick; all commands and a hundred kills are a command, see docs/testing.md."""
 
 from __future__ import annotations
 

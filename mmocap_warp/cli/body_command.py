@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from mmocap_warp.body.skeleton import Skeleton
     from mmocap_warp.rigging.importing.freedom import Freedom
 
-_Axis = Annotated[Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None, Parameter(show_choices=False)]
+_Axis = Annotated[
+    Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None, Parameter(show_choices=False, allow_leading_hyphen=True)
+]
 
 app = App(name="body", help="Import another program's body, export, draw it, or learn its limits.", version_flags=[])
 

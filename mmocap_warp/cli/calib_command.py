@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from mmocap_warp.cli import COMMANDS
 from mmocap_warp.cli.command import ANY_NUMBER, BY_FLAG, BY_PLACE, Answer, Given, command
@@ -133,7 +133,7 @@ def _tilt(cameras: SolvedCameras, k: int) -> float:
 
 
 @app.command(help=COMMANDS["calib convert"]["help"], sort_key=0)
-@command("calibrate:convert_cameras")
+@command("calibrate:convert_cameras", up=Annotated[str, Parameter(allow_leading_hyphen=True)])
 def convert(call: Any, output: Path) -> Answer:
     from mmocap_warp.commands.calibrate import calibration_files
     from mmocap_warp.formats.table import calibration_export

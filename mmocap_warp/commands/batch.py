@@ -47,6 +47,7 @@ STEPS = ("mask", "fit", "track", "eval", "view")
 """The steps, in their order; before view there may be ``export:ENDING``."""
 
 _FITTED = 3  # trials of a person that are fitted; the one whose masks its fit explains best gives the body
+_KNOWN = {"rigid": True, "headings": 4, "evaluations": 300, "finalists": 1}  # a known body is found with less
 _SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
     kind: {each.name for each in fields(config)} - {"device", "threads"}
     for kind, config in (("fit", FitConfig), ("track", TrackConfig))
@@ -122,28 +123,34 @@ class TrialWorker:
             yield Refusal(" ".join(str(error).split()))
 
     def _fitted(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
-        """Write the body of a person: that of the recording whose masks a fit explains best."""
-        fits = []
+        """Write the body of a person: that of the recording whose masks a fit explains best, of those that can be."""
+        fits, problems = {}, []
         for number, scene in enumerate(job.scenes):
             yield Advance("fit", number, len(job.scenes), 0)
-            fits.append(track.fit(scene, **self._where | job.settings["fit"]))
-        costs = [float(subject.provenance["fit.cost"]) for subject in fits]
-        best = costs.index(min(costs))
+            try:
+                fits[str(scene)] = track.fit(scene, **self._where | job.settings["fit"])
+            except InputError as error:
+                problems.append(error)
+        if not fits:
+            raise problems[0]
+        best = min(fits, key=lambda scene: float(fits[scene].provenance["fit.cost"]))
         write_body(job.folder / "body.usdc", fits[best].body)
-        yield {"name": job.name, "scene": str(job.scenes[best])}
+        yield {"name": job.name, "scene": best}
 
     def _done(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
-        notes, started, settings = _Notes(), time.perf_counter(), job.settings
-        (scene,), result, subject = job.scenes, job.folder / "result.usdc", None
-        record: dict[str, Any] = {"name": job.name, "scene": str(scene), "notes": notes}
+        notes, started, settings, steps = _Notes(), time.perf_counter(), job.settings, dict[str, float]()
+        scene, result, subject = load_scene(job.scenes[0]), job.folder / "result.usdc", None
+        record: dict[str, Any] = {"name": job.name, "scene": str(scene.path), "notes": notes, "step_seconds": steps}
         for number, step in enumerate(job.steps):
             yield Advance(step, number, len(job.steps), 0)
-            if step == "mask" and load_scene(scene).foreground.source != "masks":
-                scene = mask.mask(scene, job.folder / "masks", force=True, reporter=notes, **settings["mask"]).scene
-            elif step == "fit" and (job.body or load_scene(scene).subject is None):
-                subject, given = job.folder / "subject.usdc", self._where | settings["fit"]
+            begun = time.perf_counter()
+            if step == "mask" and scene.foreground.source != "masks":
+                given = settings["mask"] | {"force": True, "reporter": notes}
+                scene = load_scene(mask.mask(scene, job.folder / "masks", **given).scene)
+            elif step == "fit" and (job.body or scene.subject is None):
+                subject = job.folder / "subject.usdc"
                 if not subject.exists():
-                    given |= {"rigid": True} if job.body else {}
+                    given = self._where | (_KNOWN if job.body else {}) | settings["fit"]
                     track.fit(scene, job.body, output=subject, reporter=notes, **given)
             elif step == "track":
                 given = self._where | settings["track"]
@@ -159,7 +166,8 @@ class TrialWorker:
                 show.export(result, result.with_suffix(f".{step[7:]}"), force=True)
             elif step == "view":
                 show.view(result, scene, output=job.folder / "view.html", force=True, name=job.name, reporter=notes)
-                record["thumbnail"] = _thumbnail(read_result(result), load_scene(scene))
+                record["thumbnail"] = _thumbnail(read_result(result), scene)
+            steps[step] = time.perf_counter() - begun
         yield record | {"seconds": time.perf_counter() - started}
 
 
@@ -176,7 +184,7 @@ class BatchRun:
     """Where a batch stands after a run."""
 
     page: Path  # the HTML page, a row for each recording
-    status: Status  # of the recordings: how many are done, and how fast
+    status: Status  # of the recordings and their persons: how many are done, and how fast
     # what is known of every recording that is done: its ``name``, ``scene``, ``frames``, ``seconds``, and the figures
     # of its evaluation
     trials: list[dict[str, Any]]
@@ -240,20 +248,9 @@ def batch(
     for name, problem in failures.items():
         reporter.warn(f"{name}: given up: {problem}")
 
-    def run(tasks: list[TrialTask], spent: float = 0.0) -> Status:
-        left = None if minutes is None else max(0.0, 60.0 * minutes - spent)
-        return run_jobs(tasks, start, show or (lambda status: None), reporter.warn, left)
-
-    # Persons first: their recordings start from their bodies.
-    first = run(people) if people else None
-    unfitted = first.failures if first else {}
-    for task in trials:
-        person = task.job.body.parent.name if task.job.body else None
-        if person in unfitted:
-            failures[task.job.name] = f"{person} could not be fitted: {unfitted[person]}"
-    trials = [task for task in trials if task.name not in failures]
-    status = run(trials, first.seconds if first else 0.0)
-    failures |= status.failures
+    seconds = None if minutes is None else 60.0 * minutes
+    status = run_jobs([*people, *trials], start, show or (lambda status: None), reporter.warn, seconds)
+    failures |= {task.job.name: status.failures[task.name] for task in trials if task.name in status.failures}
     done = [task.check() for task in trials if task.name not in failures]
     page = folder / "index.html"
     write_whole(page, _page(folder.resolve().name, done, failures).encode())
@@ -335,7 +332,8 @@ def _planned(
         key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:20]
         where, body = folder / place / name, of and of.job.folder / "body.usdc"
         job = Trial(name, tuple(files[scene] for scene in scenes), where, key, settings, steps, body)
-        return TrialTask(job, where / f"done.{key}.json", name)
+        named, after = (name, {"needs": of and of.name, "order": 1}) if steps else (f"the body of {name}", {})
+        return TrialTask(job, where / f"done.{key}.json", named, kind=place, **after)
 
     people: dict[str | None, TrialTask] = {}
     trials = []

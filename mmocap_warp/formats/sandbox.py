@@ -124,7 +124,7 @@ class _Worker:
             ended = self._end(process)
             if not ready or ended == -signal.SIGPROF:
                 return f"takes more than {seconds:.0f} s to be read"
-            if ended < 0:
+            if ended < 0 and ended != -signal.SIGKILL:  # which somebody else has sent
                 return "crashes the library that reads it"
         return ""  # no worker can be had here: the file is read as it is
 

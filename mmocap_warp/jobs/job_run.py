@@ -40,6 +40,7 @@ class Task(ABC):
     work: int = 1  # what it takes
     evaluations: int = 0  # that it spends at most
     order: int = 0  # those of a lower one are done first
+    needs: Hashable = None  # name of the task whose result it starts from
 
     @abstractmethod
     def check(self) -> Any:
@@ -140,6 +141,7 @@ class _Run:
         self._disk_problem = ""
         self._failures: dict[Hashable, str] = {}
         self._attempts: Counter[Hashable] = Counter()
+        self._open = {task.name for task in missing}  # what is not on disk yet
         self._finished = self._spent = 0
         self._started = self._stopped = 0.0
         self._seats: dict[int, Seat] = {}
@@ -181,6 +183,7 @@ class _Run:
             for path, (task, result) in [*self._waiting.items()]:
                 task.store(result)
                 del self._waiting[path]
+                self._open.discard(task.name)
                 self._finished += 1
             self._disk_problem = ""
         except InputError as error:
@@ -220,12 +223,12 @@ class _Run:
         return self._allowed - (time.monotonic() - self._started)
 
     def _fitting(self) -> list[Task]:
-        """What is left and would be finished in time, at its kind's pace so far, or else at the slowest."""
-        left = self._seconds_left / _MARGIN
+        """What can be begun and would be finished in time, at its kind's pace so far, or else at the slowest."""
+        left, ready = self._seconds_left / _MARGIN, [task for task in self._pending if task.needs not in self._open]
         if left == math.inf or not self._pace:
-            return self._pending
+            return ready
         slowest = min(self._pace.values())
-        return [task for task in self._pending if task.work <= left * self._pace.get(task.kind, slowest)]
+        return [task for task in ready if task.work <= left * self._pace.get(task.kind, slowest)]
 
     def _hand_out(self, engine: Engine) -> None:
         """Give every worker that waits a job, unless results that wait already fill the memory."""
@@ -284,7 +287,9 @@ class _Run:
 
     def _fail(self, task: Task, problem: str) -> None:
         self._note(f"{task.name}: given up: {problem}")
-        self._failures[task.name] = problem
+        in_vain = [other for other in self._pending if other.needs == task.name]
+        self._failures |= {task.name: problem} | {other.name: f"{task.name} failed: {problem}" for other in in_vain}
+        self._pending = [other for other in self._pending if other.needs != task.name]
 
     def _leave_the_rest(self, problem: str) -> None:
         self._note(f"{problem}; {len(self._pending) + len(self._at_work)} {self._noun}s are left for another run")

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
@@ -93,8 +94,19 @@ class LocalEngine(Engine):
 
     def _start(self, place: str) -> Seat:
         mine, its = self._context.Pipe()
-        process = self._context.Process(target=self._serve, args=(its, place, self._threads), daemon=True)
-        process.start()
+        for seconds in (
+            0.0,
+            0.1,
+            1.0,
+            5.0,
+        ):  # what forks may be about to die of a kill; then another one takes its place
+            time.sleep(seconds)
+            process = self._context.Process(target=self._serve, args=(its, place, self._threads), daemon=True)
+            with suppress(EOFError, OSError):
+                process.start()
+                break
+        else:
+            raise EngineLost("no process can be started here")
         its.close()  # so that its end closes when it dies
         return Seat(place, process, mine)
 

@@ -186,11 +186,12 @@ def images_in_order(names: list[str], source: Path) -> list[str]:
         InputError: no image is among them, or numbered ones leave one out.
     """
     # macOS puts a hidden file of the same ending beside each.
-    of_images = [name for name in names if Path(name).suffix.lower() in _IMAGE_SUFFIXES]
-    images = sorted((name for name in of_images if not Path(name).name.startswith(".")), key=natural_order)
+    split = {name: os.path.splitext(os.path.basename(name)) for name in names}
+    of_images = [name for name in names if split[name][1].lower() in _IMAGE_SUFFIXES]
+    images = sorted((name for name in of_images if not split[name][0].startswith(".")), key=natural_order)
     if not images:
         raise InputError(source, "holds no images", f"put one image per frame there ({', '.join(_IMAGE_SUFFIXES)})")
-    stems = [Path(name).stem for name in images]
+    stems = [split[name][0] for name in images]
     if all(stem.isdecimal() for stem in stems):
         for previous, number in pairwise(map(int, stems)):
             if number != previous + 1:

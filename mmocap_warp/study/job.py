@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import time
 from collections.abc import Generator, Iterator, Sequence
@@ -58,7 +59,8 @@ class Worker:
         except InputError as error:
             yield Refusal(str(error))
         except (MemoryError, RuntimeError) as error:
-            if not _is_out_of_memory(error):
+            # Warp has no exception of its own for it.
+            if isinstance(error, RuntimeError) and not re.search("Failed to allocate|out of memory", str(error)):
                 raise
             self._opened, self._observations, self._solved = None, [], None  # the masks may be what took it
             reason = " ".join(str(error).split()) or "MemoryError"
@@ -151,12 +153,6 @@ def _covered(config: TrackConfig, clip: Clip, solved: bool) -> dict[str, bool]:
     """What a cell's code includes, see :func:`mmocap_warp.code_hash.code_hash`."""
     contours = config.fits_contours or config.acceleration > 0 or solved
     return {"contours": contours, "recorded": clip.scene is not None}
-
-
-def _is_out_of_memory(error: Exception) -> bool:
-    """Whether Python, NumPy or Warp had not the memory for something; Warp has no exception of its own for it."""
-    text = str(error)
-    return isinstance(error, MemoryError) or "Failed to allocate" in text or "out of memory" in text
 
 
 class _Pace:

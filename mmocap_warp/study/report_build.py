@@ -88,9 +88,7 @@ def write_report(
 def clips_of(study: StudySummary, own: Mapping[str, Clip]) -> dict[str, Clip]:
     """The recordings of a study's sequences that are at hand: a user's own, and the shipped ones by their names."""
     named = [*study.sequences, *study.strangers]
-    return {name: Clip(name) for name in named if name in CLIP_PLANS} | {
-        name: own[name] for name in named if name in own
-    }
+    return {name: own.get(name) or Clip(name) for name in named if name in own or name in CLIP_PLANS}
 
 
 def _controls(study: StudySummary) -> Html:
@@ -101,11 +99,10 @@ def _controls(study: StudySummary) -> Html:
         ("budget", "Evaluations per frame"): {budget: f"{budget:,}" for budget in study.budgets},
         ("sequence", "Sequence"): {name: name for name in study.sequences},
     }
-    lists = ""
-    for (name, title), labels in kinds.items():
-        options = [fill("option", value=value, label=label) for value, label in labels.items()]
-        lists += fill("control", title=title, name=name, options=options)
-    return Html(lists)
+    options = {
+        kind: [fill("option", value=value, label=label) for value, label in kinds[kind].items()] for kind in kinds
+    }
+    return Html("".join(fill("control", title=kind[1], name=kind[0], options=options[kind]) for kind in kinds))
 
 
 def csv_table(study: StudySummary) -> str:

@@ -199,11 +199,9 @@ def pace_of(study: StudySummary) -> tuple[float, float, str]:
 
 def _covered(spans: list[tuple[float, float]]) -> float:
     """How long any of these spans of time lasts."""
-    seconds, until = 0.0, -np.inf
-    for start, end in sorted(spans):
-        seconds += max(end - max(start, until), 0.0)
-        until = max(until, end)
-    return seconds
+    start, end = np.array(sorted(spans)).T
+    gaps = start[1:] - np.maximum.accumulate(end)[:-1]
+    return float(end.max() - start[0] - np.maximum(gaps, 0.0).sum())
 
 
 def _most_at_once(spans: list[tuple[float, float]]) -> int:

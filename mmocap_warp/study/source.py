@@ -167,8 +167,9 @@ def _subject_file(scene: Scene) -> Path:
 def _images(scene: Scene, k: int) -> list:
     """Which frames camera ``k`` has: names relative to the scene and sizes, and how they are placed."""
     camera = scene.cameras[k]
+    relative = cache(lambda folder: Path(os.path.relpath(folder, scene.directory)))
     files = [
-        (Path(os.path.relpath(file, scene.directory)).as_posix(), file.stat().st_size)
+        ((relative(file.parent) / file.name).as_posix(), file.stat().st_size)
         for frames in (camera.video, camera.masks, camera.clean_plate, camera.background)
         if frames is not None
         for file in getattr(frames, "files", None) or (frames.path,)

@@ -70,6 +70,8 @@ def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureF
     for flags in (["--scale", "0"], ["--triangles", "2"], ["--up", "+z", "--facing", "-z"]):
         robot.write_text(ROBOT)
         assert cli.main(["body", "import", str(robot), "-o", other, *flags]) == console.USAGE
+    assert cli.main(["body", "import", str(robot), "-o", str(tmp_path / "turned.usdc"), "--facing", "-x"]) == 0
+    capsys.readouterr()
     (tmp_path / "a.fbx").write_bytes(b"")
     assert cli.main(["body", "import", str(tmp_path / "a.fbx"), "-o", other]) == console.BAD_INPUT
     assert ".glb" in capsys.readouterr().err

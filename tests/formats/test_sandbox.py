@@ -32,6 +32,11 @@ def test_a_file_that_ends_its_reader_is_refused(tmp_path, monkeypatch, text, pro
     assert native_readers.read(tmp_path / "good") == "good"
 
 
+def test_a_process_that_somebody_kills_says_nothing_of_the_file(tmp_path):
+    (tmp_path / "a").write_text("killed")
+    assert native_readers.read(tmp_path / "a") == "killed"
+
+
 def test_a_process_that_has_ended_leaves_no_pipe_open(tmp_path, monkeypatch):
     monkeypatch.setattr(sandbox, "_worker", sandbox._Worker())
     with warnings.catch_warnings(record=True) as told:

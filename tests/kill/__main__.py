@@ -6,17 +6,21 @@ Run from the repository's root, in an environment with the extra ``test``::
     python tests/kill --kills 10 --only mask,export
 
 A command is killed (SIGKILL) a few times in a row and then left to end: with ``--resume`` where it has that, from the
-beginning with ``--force`` where not. After every kill, whatever lies under a name that the command would give is
-compared with that of a run that nothing stopped, and so is all of it in the end.
+beginning with ``--force`` where not. Of a batch it is any of its processes, its workers among them. After every kill of
+the command itself, whatever lies under a name that it would give is compared with that of a run that nothing stopped,
+and so is all of it in the end.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
+import signal
 import sys
 import tempfile
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +28,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(1, str(Path(__file__).resolve().parents[2] / "instruments"))
 
-from commands import COMMANDS, run_to_end, started
-from recordings import write_recording, write_study
+from commands import COMMANDS, processes_of, run_to_end, started
+from recordings import write_many, write_recording, write_study
 from sameness import difference
 
 from mmocap_warp.device.resolve import start_quietly
@@ -44,6 +48,8 @@ def main() -> int:
         made = Path(scratch) / "made"
         write_recording(made)
         write_study(made)
+        if "batch" in wanted:
+            write_many(made)
         if "export" in wanted:
             run_to_end(COMMANDS["track"].arguments(made, made))
             (made / "r.usdc").rename(made / "result.usdc")
@@ -69,18 +75,22 @@ def _killed(
         out = scratch / f"{name}-{ends[name]}"
         out.mkdir()
         arguments = command.arguments(made, out)
-        for attempt in range(IN_A_ROW):
-            if kills[name] == wanted:
-                break
-            run = started([*arguments, *(command.again if attempt else ())])
+        run = started(arguments)
+        for _ in range(min(IN_A_ROW, wanted - kills[name])):
             run.join(random.uniform(0.0, 1.1 * longest))
             if run.exitcode is not None:
                 break
-            run.kill()
-            run.join()
+            victim = int(random.choice(processes_of(run))) if command.any_process else run.pid
+            with suppress(ProcessLookupError):
+                os.kill(victim, signal.SIGKILL)
             kills[name] += 1
-            faults += [f"after kill {kills[name]}: {fault}" for fault in difference(whole, out, complete=False)]
-        run_to_end([*arguments, *command.again])
+            if victim == run.pid:
+                run.join()
+                faults += [f"after kill {kills[name]}: {fault}" for fault in difference(whole, out, complete=False)]
+                run = started([*arguments, *command.again])
+        run.join()
+        if run.exitcode:
+            run_to_end([*arguments, *command.again])
         ends[name] += 1
         faults += [f"in the end: {fault}" for fault in difference(whole, out, complete=True)]
         shutil.rmtree(out)

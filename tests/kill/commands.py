@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -21,6 +22,7 @@ class Command:
 
     arguments: Callable[[Path, Path], list[str]]  # of the recording's folder and of the folder to write
     again: tuple[str, ...] = ("--force",)
+    any_process: bool = False  # whether any of its processes is killed, and not the one that was started alone
 
 
 COMMANDS = {
@@ -31,8 +33,28 @@ COMMANDS = {
     "fit": Command(lambda made, out: ["fit", str(made / "scene.toml"), "-o", str(out / "s.usdc"), "--device", "cpu"]),
     "mask": Command(lambda made, out: ["mask", str(made / "scene.toml"), "-o", str(out / "masks")]),
     "study": Command(lambda made, out: ["study", "run", str(made / "study.toml"), "-o", str(out / "study")], ()),
+    "batch": Command(
+        lambda made, out: [
+            *("batch", str(made / "many"), "-o", str(out / "batch"), "--steps", "track,eval,export:glb,view"),
+            *("--device", "cpu", "--workers", "2"),
+        ],
+        (),
+        any_process=True,
+    ),
     "export": Command(lambda made, out: ["export", str(made / "result.usdc"), "-o", str(out / "a.usdz")]),
 }
+
+
+def processes_of(run: BaseProcess) -> list[int]:
+    """A command's process and all that it has begun."""
+    parents = {}
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            parents[int(file.parent.name)] = int(file.read_text().rpartition(")")[2].split()[1])
+    own = [run.pid]
+    for pid in own:  # it grows on the way
+        own += [child for child, parent in parents.items() if parent == pid]
+    return own
 
 
 def run_to_end(arguments: list[str]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from pathlib import Path
 
@@ -10,6 +11,9 @@ import numpy as np
 from mmocap_warp.formats.usd.usd_result import holds_result, read_result
 
 _PROGRESS = (".checkpoint", ".part")  # what a killed run leaves to be continued
+_SECONDS = re.compile(
+    rb'"step_seconds": {[^}]*}|"(evaluations_per_second|seconds)": [0-9.e+-]+|[0-9]+ s<'
+)  # of a batch's records and its page
 _FIELDS = ("pose", "cost", "iou", "evaluations", "status", "frame_numbers", "angle_sigma", "joint_sigma")
 
 
@@ -33,6 +37,9 @@ def _files(folder: Path) -> dict[str, Path]:
 def _same(left: Path, right: Path) -> bool:
     if left.read_bytes() == right.read_bytes():
         return True
+    if left.suffix == ".json" or left.name == "index.html":
+        one, two = (_SECONDS.sub(b"", path.read_bytes()) for path in (left, right))
+        return one == two
     if left.suffix in (".npz", ".usdz"):
         return _members(left) == _members(right)
     if left.suffix == ".usdc" and holds_result(left) and holds_result(right):

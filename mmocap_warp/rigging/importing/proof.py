@@ -57,8 +57,8 @@ def worst_outline(body: BodyModel, mesh: RiggedMesh, motions: Mapping[str, BodyM
                 _filled((points - low)[:, list(axes)] * scale, face, (up, across))
                 for points, face in ((skin, mesh.face), (posed.astype(float), body.tracking_face))
             )
-            both = float(np.count_nonzero(own & other)) / max(np.count_nonzero(own | other), 1)
-            views.append(Outline(both, f"{when} from {view}", _compared(own, other)))
+            overlap = float((own & other).sum() / max(float((own | other).sum()), 1.0))
+            views.append(Outline(overlap, f"{when} from {view}", _compared(own, other)))
     return min(views, key=lambda outline: outline.overlap)
 
 

@@ -141,11 +141,9 @@ def fit_subject(
         reporter.note(f"attach: {note}")
     if start_poses is not None:
         start_poses = np.pad(start_poses, ((0, 0), (0, carried.body.skeleton.coordinates - start_poses.shape[1])))
-    # An arm of who is behind may be before the subject's own: tracking tells them apart, and a first look does not.
-    unordered = replace(scene, people={})
     with reporter.stage("fit", None) as progress:
         subject = subject_fit.fit(
-            unordered, carried.body, config, lambda stage, done, cost: progress(round(100 * done), 100), start_poses
+            scene, carried.body, config, lambda stage, done, cost: progress(round(100 * done), 100), start_poses
         )
     if subject.provenance["fit.decided"] == "no":
         name = str(subject.provenance["fit.alternative"])

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
-from itertools import repeat
 from pathlib import Path
 from typing import Any, Literal, Protocol
 from urllib.parse import quote
@@ -22,7 +21,6 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import Attachment
 from mmocap_warp.formats.toml_table import Table
 from mmocap_warp.masks.cleanup import keep_mended, mend_mask
-from mmocap_warp.masks.depth_order import in_front_of
 from mmocap_warp.masks.frames import as_colour
 from mmocap_warp.masks.mask_image import decode_mask
 from mmocap_warp.masks.mask_settings import SUBTRACTION, ForegroundSettings
@@ -218,17 +216,16 @@ class Scene:
             ValueError: frames that the scene does not have.
             InputError: images that turn out unreadable.
         """
-        hides, rig = self.has_others, self.rig(scale)
-        for place, (views, others) in enumerate(self._seen(scale, first, count, body, hides), first):
+        hides = self.has_others
+        for place, (views, in_front) in enumerate(self._seen(scale, first, count, body, hides), first):
             frame = self.frames[place : place + 1]
             late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps  # (camera,) [s]
-            in_front = in_front_of(rig, views, others) if hides else None
-            yield Observation.from_masks(views, late if late.any() else None, in_front)
+            yield Observation.from_masks(views, late if late.any() else None, in_front if hides else None)
 
     def hidden(self, scale: float) -> Iterator[list[np.ndarray]]:
         """Per camera (height, width) bool, what may be in front of the person, of all frames."""
-        for _, others in self._seen(scale, 0, None, None, hides=True):
-            yield [np.logical_or.reduce(masks) for masks in others]
+        for _, in_front in self._seen(scale, 0, None, None, hides=True):
+            yield in_front
 
     def masks(
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
@@ -239,11 +236,8 @@ class Scene:
 
     def _seen(
         self, scale: float, first: int, count: int | None, body: BodyMasks | None, hides: bool = False
-    ) -> Iterator[tuple[list[np.ndarray], list[list[np.ndarray]]]]:
-        """Each frame's masks, and where that is asked what ``hides`` the person; an image is read once for both.
-
-        That is by camera what has no known depth, then each of the other people.
-        """
+    ) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
+        """Each frame's masks, and where that is asked what ``hides`` the person; an image is read once for both."""
         wanted = self._numbers(first, count)
         rig = self.rig(scale)
         # A frame has the same mask wherever reading starts, so what is remembered is gathered from the first frame on.
@@ -252,16 +246,13 @@ class Scene:
         read = range(wanted[-1] + 1) if wanted and self.foreground.model_remembers else followed
         empty = [np.zeros((height, width), bool) for width, height in rig.size]
 
-        def mended(k: int) -> Iterator[tuple[np.ndarray | None, list[np.ndarray]]]:
-            people = [{each.labels[k]} for name, each in self.people.items() if self.person not in ("", name)]
-            things = {*self.cameras[k].in_front}.difference(*people)
-            others = [tuple(labels) for labels in (things, *people)] if hides else []
-            raw_masks = self._raw_masks(k, scale, read, (), *filter(None, others))
+        def mended(k: int) -> Iterator[tuple[np.ndarray | None, np.ndarray]]:
+            in_front = self.cameras[k].in_front if hides else ()
+            raw_masks = self._raw_masks(k, scale, read, (), *([in_front] if in_front else []))
             for frame, raw in zip(read, raw_masks, strict=True):
                 # The background model alone remembers what is before the frames that are followed.
                 mask = None if raw is None or frame not in followed else mend_mask(raw[0], self.foreground, scale)
-                hidden = iter(raw[1:] if raw else repeat(empty[k]))
-                yield mask, [next(hidden) if labels else empty[k] for labels in others]
+                yield mask, raw[1] if raw and in_front else empty[k]
 
         def keep(mask: np.ndarray | None, nothing: np.ndarray, k: int) -> np.ndarray:
             return nothing if mask is None else keep_mended(mask, self.foreground, scale, lambda: last[k])
@@ -279,7 +270,7 @@ class Scene:
                 kept = list(pool.map(keep, (mask for mask, _ in seen), empty, range(len(empty))))
                 if frame in wanted:
                     repaired = repair_masks(rig, kept, pool.map) if self.foreground.repair else kept
-                    yield repaired, [others for _, others in seen]
+                    yield repaired, [in_front for _, in_front in seen]
 
     def _raw_masks(
         self, k: int, scale: float, frames: range, *labels: tuple[int, ...]

@@ -10,7 +10,7 @@ from small_scene import FRAMES, SCENE, make_scene
 from mmocap_warp.calibration.first_look import FirstLook
 from mmocap_warp.commands.inputs import look_first, scene_from, scene_of, scene_reference
 from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.masks import depth_order, mask_files
+from mmocap_warp.masks import mask_files
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.scene.scene_toml import load_scene
 
@@ -59,13 +59,6 @@ def test_a_thing_and_what_is_ignored_may_be_in_front_of_the_person(folder):
     assert hidden.sum(axis=(1, 2)).tolist() == [14 * 12, 14 * 12, 14 * 12 + 30 * 14]
 
 
-@pytest.fixture
-def no_order(monkeypatch):
-    """Nobody is surely behind somebody else."""
-    monkeypatch.setattr(depth_order, "_SURE", np.inf)
-
-
-@pytest.mark.usefixtures("no_order")
 def test_an_image_is_read_once_for_a_person_and_for_what_hides_them(folder, monkeypatch):
     scene = scene_with(folder, PEOPLE + "[labels]\nthing = 3\n").of_person("anna")
     read, decode = [], mask_files.decode_mask_image
@@ -95,7 +88,6 @@ def test_without_labels_nothing_is_in_front(folder):
     assert all(observation.hidden is None for observation in scene.observations())
 
 
-@pytest.mark.usefixtures("no_order")
 def test_each_person_is_tracked_with_the_others_in_front(folder):
     scene = scene_with(folder, "[labels]\nthing = 3\n" + PEOPLE)
     anna, ben = (seen(scene.of_person(name)) for name in ("anna", "ben"))

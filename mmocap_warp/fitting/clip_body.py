@@ -24,8 +24,10 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.fitting.frame_fit import PRIOR
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
+from mmocap_warp.tracking.body_masks import body_silhouettes
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_frames
+from mmocap_warp.tracking.holes import with_holes
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _DURATION = 2.0  # how much of a clip is followed [s]
@@ -95,7 +97,9 @@ def follow(
     # Forwards, until the subject is lost.
     observed: list[Observation] = []
     answers: list[FrameAnswer] = []
-    for answer in track_frames(ContourTracker(subject, rig, config, fps), observations, keep=observed.append):
+    tracker, silhouettes_of = ContourTracker(subject, rig, config, fps), body_silhouettes(subject, rig)
+    observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))
+    for answer in track_frames(tracker, observations, keep=observed.append):
         if answers and np.ravel(answer.status)[0] == STATUS.index("lost"):
             break
         answers.append(answer)

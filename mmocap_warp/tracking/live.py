@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -31,10 +32,12 @@ from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.device.resolve import resolve_device, start_quietly
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
+from mmocap_warp.tracking.body_masks import body_silhouettes
 from mmocap_warp.tracking.contour_state import ContourState
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_frames
 from mmocap_warp.tracking.from_settings import make_fitter, search_limits
+from mmocap_warp.tracking.holes import with_holes
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import lost_frame
@@ -52,22 +55,16 @@ _REHEARSAL = 1.2  # seconds that are tracked before the first frame: all that is
 class LiveFrame:
     """A frame's final answer.
 
-    Attributes:
-        number: of the frame, from 0.
-        pose: (run, coordinate) float64, smoothed with the frames around it [m, rad].
-        raw_pose: (run, coordinate), as it was tracked.
-        joints: (run, joint, 3) float64, joint centres of ``pose`` in the world [m].
-        iou: (run, camera) float64, overlap of ``raw_pose`` with the masks; NaN for a lost view.
-        status: a name of ``STATUS`` for each run. A frame that was lost is ``interpolated`` if the body is seen both
-            before and within the lag, and stays ``lost`` otherwise: its pose is where the motion led.
+    A frame that was lost is ``interpolated`` if the body is seen both before and within the lag, and stays ``lost``
+    otherwise: its pose is where the motion led.
     """
 
-    number: int
-    pose: np.ndarray
-    raw_pose: np.ndarray
-    joints: np.ndarray
-    iou: np.ndarray
-    status: tuple[str, ...]
+    number: int  # of the frame, from 0
+    pose: np.ndarray  # (run, coordinate) float64, smoothed with the frames around it [m, rad]
+    raw_pose: np.ndarray  # (run, coordinate), as it was tracked
+    joints: np.ndarray  # (run, joint, 3) float64, joint centres of ``pose`` in the world [m]
+    iou: np.ndarray  # (run, camera) float64, overlap of ``raw_pose`` with the masks; NaN for a lost view
+    status: tuple[str, ...]  # a name of ``STATUS`` for each run
 
 
 def track_live(
@@ -100,7 +97,9 @@ def track_live(
         raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
     tracker = make_tracker(subject, cameras, config, fps)
     window = _Window(subject, cameras, config, fps)
-    observations = (Observation.from_masks(list(each)) for each in masks)
+    silhouettes_of = body_silhouettes(subject, cameras)
+    observations: Iterable[Observation] = (Observation.from_masks(list(each)) for each in masks)
+    observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))
     for answer in track_frames(tracker, observations, keep=window.observe):
         yield from window.add(answer)
     yield from window.rest()
@@ -112,14 +111,13 @@ class _Window:
     def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float, first: int = 0) -> None:
         skeleton = subject.body.skeleton
         searched, limits = skeleton.searched(config.dof), search_limits(subject, config)
-        rooting = Rooting(skeleton, subject.root_base, searched, limits)
+        self._rooting = rooting = Rooting(skeleton, subject.root_base, searched, limits)
         points = MotionPoints(skeleton, subject.body.joint_rest, searched)
         self._fitter = make_fitter(subject, cameras, config, LAG, frames=LAG)
         self._poser = Poser(subject.body, subject.root_base)
         self._answers: list[FrameAnswer] = []
         self._first = first  # number of the first of these
         self._tracked_before = np.zeros(config.runs, bool)
-        self._rooting = rooting
         self._last_angles = np.tile(subject.pose[ROOT_ANGLES], (config.runs, 1))
         device = resolve_device(config.device)
         band = None if device == "cpu" else DeviceBand(points, LAG, device)
@@ -159,8 +157,7 @@ class _Window:
         poses = np.stack([self._rooting.leave(*each) for each in zip(solved, self._last_angles, strict=True)])
         self._last_angles = poses[:, -1, ROOT_ANGLES]
         tracked = np.array([self._is_tracked(answer) for answer in self._answers])
-        final = self._answers[: poses.shape[1]]
-        self._answers = self._answers[poses.shape[1] :]
+        final, self._answers = self._answers[: poses.shape[1]], self._answers[poses.shape[1] :]
         for i, answer in enumerate(final):
             between = ~tracked[i] & self._tracked_before & tracked[i:].any(axis=0)
             self._tracked_before |= tracked[i]
@@ -202,6 +199,8 @@ class LiveTracker:
         if isinstance(self._tracker, ContourTracker):
             self._tracker.search_interval = max(2, round(_SEARCH_INTERVAL * fps))
         self._poser = Poser(subject.body, subject.root_base)
+        self._silhouettes_of, self._fps = body_silhouettes(subject, cameras), fps
+        self._follow_holes()
         context = multiprocessing.get_context("spawn")  # a fork would not survive CUDA
         self._frames, self._solved = context.Queue(_MOST_BEHIND), context.Queue()
         self._frames.cancel_join_thread()  # else what nobody takes any more would keep this process from ending
@@ -217,6 +216,14 @@ class LiveTracker:
         for _ in self.rest():
             pass
         self._tracker.state, self._begun = state, False
+        self._follow_holes()
+
+    def _follow_holes(self) -> None:
+        """From the next frame on, follow the holes that open in masks."""
+        self._come: list[Observation] = []
+        self._expected = 0
+        come = (self._come.pop() for _ in count())
+        self._followed = with_holes(come, self._fps, lambda _: self._silhouettes_of(self._tracker.state.pose))
 
     def close(self) -> None:
         """End the process that smooths."""
@@ -226,6 +233,11 @@ class LiveTracker:
     def step(self, number: int, masks: Sequence[np.ndarray]) -> LiveFrame:
         """Track a frame, whose number is above the last, by (height, width) bool masks; no later frame has a say."""
         observation = Observation.from_masks(list(masks))
+        if number != self._expected:  # what is gone since may have moved
+            self._come.append(_nothing(observation))
+            next(self._followed)
+        self._come.append(observation)
+        observation, self._expected = next(self._followed), number + 1
         answer = self._tracker.step(observation)
         if not self._begun and isinstance(state := self._tracker.state, ContourState):
             self._tracker.state = state.settled()  # else the next frames would be searched for too, which takes long
@@ -251,6 +263,11 @@ class LiveTracker:
                 return act(timeout=_PATIENCE)
             if not self._process.is_alive():
                 raise RuntimeError(f"the process that smooths ended with exit code {self._process.exitcode}")
+
+
+def _nothing(observation: Observation) -> Observation:
+    """A frame in which nobody is seen."""
+    return observation.without(np.ones(len(observation.foreground), bool))
 
 
 def _smooth(frames: Any, solved: Any, *about: Any) -> None:
@@ -280,7 +297,7 @@ def _smoothed(frames: Iterable[tuple[int, Observation, FrameAnswer]], *about: An
             yield from window.rest() if window else ()
             window, expected = _Window(*(*about, number)), number
         for _ in range(expected, number):
-            nothing = observation.without(np.ones(len(observation.foreground), bool))
+            nothing = _nothing(observation)
             window.observe(nothing)
             yield from window.add(lost_frame(before, nothing))
         window.observe(observation)

@@ -66,6 +66,7 @@ _STEPS = 5  # descent steps of a pose while a window is followed backwards
 _HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]
 _UNSURE = 0.05  # deviation of a joint from which on holes in most masks may hide it [m], in a body like a person
 _LEAST_WHOLE = 2  # so many views without a hole show where a limb is
+_DRIFT = 0.2  # seconds in which limbs drift off before a clip's end is lost, which no later frame tells of
 _FALL = 0.03  # overlap below that of the frames before from which a limb may be elsewhere for a moment
 
 
@@ -100,8 +101,7 @@ def smoothed(
     started = time.perf_counter()
     masks = _MaskWindow(raw, config, observations)
     runs = [_RunSmoother(raw, config, masks, run, mending) for run in range(len(raw.pose))]
-    done = 0
-    cost, iou = raw.cost.copy(), raw.iou.copy()
+    done, cost, iou = 0, raw.cost.copy(), raw.iou.copy()
     # All runs go from window to window together, because the masks are read once.
     for windows in zip(*(run.windows for run in runs), strict=True):
         for run, window in zip(runs, windows, strict=True):
@@ -260,7 +260,6 @@ class _RunSmoother:
         self._tracked = ~np.isin(raw.status[run], (_LOST, _REPEATED))
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
         self._known = self._rooting.refold(self._rooting.enter(track))  # poses as they were linearised last
-
         self._skeleton, self._size = skeleton, subject.body.relative_size
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
@@ -272,8 +271,8 @@ class _RunSmoother:
             self._descend, self._linearise, self._rooting, points,
             raw.rate, self._area_costs, coordinates, from_rest, self,
         )  # fmt: skip
-        second_opinion = None if mending else backward
-        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, second_opinion, masks.band)
+        opinion = None if mending else backward
+        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, opinion, masks.band)
         has_masks = np.isfinite(raw.iou).any(axis=(0, 2)) & (raw.status[0] != _REPEATED)
         acceleration = config.acceleration or ACCELERATION
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(acceleration), has_masks)
@@ -288,7 +287,10 @@ class _RunSmoother:
         self._widest[masks.searched] = self._rooting.anywhere
         self._usual_misfit = USUAL_MISFIT * subject.body.relative_size
 
-        # Which parts are in doubt, by looks for what the body leaves uncovered.
+        # Which parts are in doubt: all before a lost end that shows somebody, others by what the body leaves uncovered.
+        end = int(np.flatnonzero(self._tracked).max(initial=-1)) + 1
+        lost = (raw.status[run, end:] == _LOST) & np.isfinite(raw.iou[run, end:]).any(axis=1)
+        self._drifting = slice(max(0, end - round(_DRIFT * raw.rate)) if lost.any() else end, end)
         self._looks: dict[int, np.ndarray] = {}
         self._look_interval = look_interval(raw.rate, final=True)
 
@@ -333,6 +335,7 @@ class _RunSmoother:
         unsure = (self.sigma.joint.max(axis=2) > _UNSURE * self._size) & self._masks.holed[:, None]
         for joint, part in enumerate(self._skeleton.part):
             doubt[:, part] |= unsure[:, joint]
+        doubt[self._drifting] = True
         wide = doubt[:, np.array(self._skeleton.part)]  # (frame, joint)
         least = np.where(wide, WIDE_SIGMA * self._size, 0.0)[:, :, None]
         self.sigma.joint[:] = np.maximum(self.sigma.joint, least)

@@ -283,12 +283,14 @@ def test_a_rival_is_the_best_lag_elsewhere_over_the_best_here() -> None:
 
 
 def test_a_short_lag_within_its_margin_is_none() -> None:
-    def own(lag: int, margin: float) -> int:
-        offsets = np.array([lag, 0, 0])
-        scores = made_scores(30, {-lag: 1.0}, {-lag: 1.0}, {0: 1.0}, views=3)
+    def own(lag: int, margin: float, third: int = 0) -> int:
+        offsets = np.array([lag, 0, third, 0])
+        lags = [offsets[other] - offsets[one] for one, other in combinations(range(4), 2)]
+        scores = made_scores(30, *({int(lag): 1.0} for lag in lags), views=4)
         return _judge(scores, 0, offsets, margin, LagCourse()).frames
 
     assert [own(1, 1.1), own(2, 1.9), own(1, 0.9), own(0, 1.5)] == [0, 2, 1, 0]
+    assert [own(1, 1.1, third=2), own(1, 1.1, third=9)] == [0, 1]  # cameras of which one clearly lags are not in step
 
 
 def test_why_an_offset_is_in_doubt_is_said() -> None:

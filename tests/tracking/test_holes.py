@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from recordings import write_recording
 
+from mmocap_warp.fitting.clip_body import follow
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.result.result import STATUS
@@ -17,6 +18,7 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.holes import HOLE_SECONDS, with_holes
+from mmocap_warp.tracking.live import track_live
 from mmocap_warp.tracking.track_config import TrackConfig
 
 RATE = 60.0
@@ -159,6 +161,25 @@ def test_a_run_that_stops_at_an_open_hole_is_resumed_with_the_same_bits(holed_sc
     assert hidden_in[18:] == hidden_in[5:12]
     for field in ("pose", "raw_pose", "cost", "status", "joint_sigma"):
         np.testing.assert_array_equal(getattr(resumed, field), getattr(whole, field))
+
+
+def test_holes_are_followed_in_the_clip_that_a_body_is_fitted_to_and_live(holed_scene, monkeypatch):
+    scene, subject = load_scene(holed_scene), read_subject(holed_scene.with_name("subject.usdc"))
+    step, hidden_in = ContourTracker.step, []
+
+    def watched(self, seen):
+        hidden_in.append(seen.hidden is not None)
+        return step(self, seen)
+
+    monkeypatch.setattr(ContourTracker, "step", watched)
+    rig = scene.rig(CONFIG.scale)
+    found = follow(subject, rig, scene.observations(CONFIG.scale), scene.rate, CONFIG)
+    assert hidden_in[:5] == [False, False, False, True, True]
+    assert [seen.hidden is not None for seen in found.observation] == hidden_in[:4]  # the fifth is lost
+    hidden_in.clear()
+    list(track_live(subject, rig, scene.masks(CONFIG.scale), scene.rate, CONFIG))
+    assert all(hidden_in[3:8])
+    assert not any([*hidden_in[:3], *hidden_in[9:12]])
 
 
 def test_frames_with_holes_in_all_views_say_which_limbs_they_hide(holed_scene):

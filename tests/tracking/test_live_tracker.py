@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 
+import cv2
 import numpy as np
 import pytest
 from synthetic import synthetic_subject
@@ -19,14 +20,37 @@ CONFIG = TrackConfig("contour", device="cpu", threads=1)
 DROPPED = (6, 7)
 
 
+LATE = range(FRAMES + 100, FRAMES + 112)
+HOLED = {LATE[0]: False, LATE[1]: True, LATE[2]: True, LATE[6]: True, LATE[7]: False, LATE[11]: True}
+"""Frames of which the trunk is missing, and others: those between are dropped."""
+
+
 @pytest.fixture(scope="module")
-def answers() -> tuple[list[LiveFrame], list[LiveFrame]]:
-    """Those at once, and those smoothed, of a motion of which two frames were dropped; then of another, much later."""
+def answers() -> tuple[list[LiveFrame], list[LiveFrame], list[bool]]:
+    """Those at once, and those smoothed, of a motion of which two frames were dropped; then of others, much later.
+
+    Last comes in which of these something may be hidden.
+    """
     seen = [unpack_masks(each.words, RIG.size) for each in motion("cpu")[1]]
-    with closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
+    holed = [mask.copy() for mask in seen[-1]]
+    for mask in holed:
+        x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+        mask[y + height // 4 : y + 3 * height // 4, x : x + width] = False
+    step, hidden = ContourTracker.step, []
+
+    def watched(tracker, observation):
+        hidden.append(observation.hidden is not None)
+        return step(tracker, observation)
+
+    with pytest.MonkeyPatch.context() as patch, closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
+        patch.setattr(ContourTracker, "step", watched)
         at_once = [tracker.step(n, masks) for n, masks in enumerate(seen) if n not in DROPPED]
-        at_once.append(tracker.step(FRAMES + 100, seen[-1]))
-        return at_once, list(tracker.rest())
+        at_once += [tracker.step(n, holed if is_holed else seen[-1]) for n, is_holed in HOLED.items()]
+        return at_once, list(tracker.rest()), hidden[-len(HOLED) :]
+
+
+def test_a_hole_is_followed_across_dropped_frames_and_begins_only_where_it_is_seen_to_open(answers):
+    assert answers[2] == [False, True, True, True, False, False]
 
 
 def test_answers_at_once_are_those_of_the_tracker(answers):
@@ -34,12 +58,12 @@ def test_answers_at_once_are_those_of_the_tracker(answers):
     for frame in answers[0][: DROPPED[0]]:  # until a frame is dropped
         np.testing.assert_array_equal(frame.pose, whole.raw_pose[:, frame.number].astype(float))
         assert frame.status == ("tracked",)
-    assert [frame.number for frame in answers[0]] == [n for n in range(FRAMES) if n not in DROPPED] + [FRAMES + 100]
+    assert [frame.number for frame in answers[0]] == [n for n in range(FRAMES) if n not in DROPPED] + [*HOLED]
 
 
 def test_smoothed_answers_fill_what_was_dropped(answers):
     smoothed = answers[1]
-    assert [frame.number for frame in smoothed] == [*range(FRAMES), FRAMES + 100]
+    assert [frame.number for frame in smoothed] == [*range(FRAMES), *LATE]
     assert [smoothed[n].status for n in DROPPED] == [("interpolated",)] * 2
     truth = motion("cpu")[0]
     errors = marker_errors(np.stack([frame.pose[0] for frame in smoothed[:FRAMES]]), truth)

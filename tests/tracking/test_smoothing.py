@@ -190,6 +190,17 @@ def test_a_lost_frame_is_not_believed_though_it_has_masks():
     np.testing.assert_array_equal(believed.pose, hid.pose)
 
 
+def test_before_an_end_that_is_lost_limbs_are_in_doubt():
+    raw, drift = rough_track(lost=(FRAMES - 2, FRAMES - 1)), round(0.2 * FPS)
+    gone = smoothed(raw, CONFIG, swinging()[1])  # nobody is seen there any more
+    assert {STATUS[each] for each in gone.status[0, :-2]} == {"tracked"}
+    lost = smoothed(replace(raw, iou=np.full_like(raw.iou, 0.5)), CONFIG, swinging()[1])
+    expected = ["tracked"] * (FRAMES - 2 - drift) + ["partial"] * drift + ["lost"] * 2
+    assert [STATUS[each] for each in lost.status[0]] == expected
+    assert (lost.joint_sigma[0, -2 - drift : -2] >= 0.15 * raw.subject.body.relative_size).all()
+    np.testing.assert_array_equal(lost.pose, gone.pose)
+
+
 def test_a_run_is_the_same_alone_and_beside_others():
     seen = swinging()[1]
     batch = rough_track(runs=2)

@@ -27,7 +27,7 @@ _HULL_REACH = 0.4  # seconds to either side in which the hull looks for offsets 
 _MAX_HULL_CORRECTION = 3  # frames by which the hull may correct offsets that motion is sure of
 _MAX_HULL_SPREAD = 1  # frames between the ends of several starts of a hull that can be trusted
 _MAX_MARGIN, _MAX_HULL_MARGIN = 2.0, 1.0  # frames: half a confidence interval of offsets by motion, and by hulls
-_IN_STEP = 2  # frames: shorter lags that are within this interval are none
+_IN_STEP = 2  # frames: lags that are within this interval are none, where none is longer than that
 _STRETCHES, _MIN_STRETCH = 6, 80  # stretches of a recording, and frames of one at least
 _MIN_PART, _NEAR = 8, 6  # frames of a part that is left out of a recording at least; lags to either side without it
 _MAX_CHANGE = 0.2  # seconds by which a lag may change
@@ -49,8 +49,8 @@ class ViewOffset:
     agreeing: float  # share of the other views that, compared with this one alone, agree within two frames
     sure: bool  # whether the offset is reliable
     course: LagCourse = field(default_factory=LagCourse)  # how it changes
-    # half the width of its confidence interval, that of the least certain view [frames]. A lag of up to two frames
-    # within it counts as none
+    # half the width of its confidence interval, that of the least certain view [frames]. A lag within it counts as
+    # none where no view lags by more than two frames
     margin: float = 0.0
 
     def doubt(self, name: str, fps: float | None) -> str | None:
@@ -79,17 +79,11 @@ class ViewOffset:
 
 @dataclass(frozen=True, repr=False)
 class Synchronisation:
-    """The time offsets of all cameras.
+    """The time offsets of all cameras."""
 
-    Attributes:
-        fps: of the scene's frames.
-        views: by camera name.
-        hull: whether the visual hull decided; None without a calibration, False where hulls could not decide.
-    """
-
-    fps: float
-    views: dict[str, ViewOffset]
-    hull: bool | None
+    fps: float  # of the scene's frames
+    views: dict[str, ViewOffset]  # by camera name
+    hull: bool | None  # whether the visual hull decided; None without a calibration, False where hulls could not decide
 
     @property
     def sure(self) -> bool:
@@ -256,7 +250,7 @@ def _judge(
     agreeing = float(np.mean(same))
     clear = rival < _MAX_RIVAL and agreeing > _MIN_AGREEING
     sure = by_hull or (clear and (margin < _MAX_MARGIN or course.changes))
-    # Cameras are in step where nothing speaks against it.
-    in_step = sure and not course.changes and abs(frames[view]) <= min(margin, _IN_STEP)
+    # Cameras are in step where nothing speaks against it, such as one that clearly is not.
+    in_step = sure and not course.changes and abs(frames[view]) <= margin and np.abs(frames).max() <= _IN_STEP
     own = 0 if in_step else int(frames[view])
     return ViewOffset(own, rival, int(frames[view]) + other - at, agreeing, sure, course, margin)

@@ -198,9 +198,8 @@ class BackwardPass:
                 better = self._better(int(frames[f]), there, self.pairs_from_rest(int(frames[f]), there))
             if self.uncovered and (end - f) % self._recall_frames == 0:
                 area = self.uncovered.area(int(frames[f]), better or there)[0]
-                if (
-                    not better and min(area, area_after) >= 1.0
-                ):  # what one frame alone shows may be a fault of its masks
+                # What one frame alone shows may be a fault of its masks.
+                if not better and min(area, area_after) >= 1.0:
                     starts = self.uncovered.limbs_reaching(int(frames[f]), there)
                     better = self._better(int(frames[f]), there, starts, self.uncovered)
                 area_after = area

@@ -50,23 +50,16 @@ class NormalEquations(FrameArrays):
 
 @dataclass(frozen=True, eq=False)
 class ViewEquations(FrameArrays):
-    """As :class:`NormalEquations`, of each view apart, with what a rigid motion of the whole body is for the root.
+    """As :class:`NormalEquations`, of each view apart, with what a rigid motion of the whole body is for the root."""
 
-    Attributes:
-        matrix: (frame, camera, n, n) float64; n are the searched coordinates, the body's parameters, then the lens of
-            the camera itself: the logarithm of its focal lengths, its principal point, its radial distortion k1,
-            and by how much its masks are larger than what they show [px].
-        gradient: (frame, camera, n) float64.
-        cost: (frame, camera) float64.
-        axes: (frame, camera, 3, 3) float64, in the columns: what the root's angles turn about, in the world.
-        origin: (frame, camera, 3) float64, the root joint in the world [m].
-    """
-
+    # (frame, camera, n, n) float64; n are the searched coordinates, the body's parameters, then the lens of the camera
+    # itself: the logarithm of its focal lengths, its principal point, its radial distortion k1, and by how much its
+    # masks are larger than what they show [px]
     matrix: np.ndarray
-    gradient: np.ndarray
-    cost: np.ndarray
-    axes: np.ndarray
-    origin: np.ndarray
+    gradient: np.ndarray  # (frame, camera, n) float64
+    cost: np.ndarray  # (frame, camera) float64
+    axes: np.ndarray  # (frame, camera, 3, 3) float64, in the columns: what the root's angles turn about, in the world
+    origin: np.ndarray  # (frame, camera, 3) float64, the root joint in the world [m]
 
     @property
     def together(self) -> NormalEquations:

@@ -76,20 +76,13 @@ class RootedPoses(FrameArrays):
 
 @dataclass(frozen=True, eq=False)
 class Neighbours:
-    """The poses before and after some: they tell how the skin moves, for views that were taken at another time.
+    """The poses before and after some: they tell how the skin moves, for views that were taken at another time."""
 
-    Attributes:
-        before, after: the poses; anything where there is none.
-        sides: (pose,) int32, 1 for the pose before plus 2 for that after.
-        rate: poses a second.
-        curved: whether the motion is a parabola through all three, or a straight line.
-    """
-
-    before: RootedPoses
-    after: RootedPoses
-    sides: np.ndarray
-    rate: float
-    curved: bool = True
+    before: RootedPoses  # anything where there is none
+    after: RootedPoses  # likewise
+    sides: np.ndarray  # (pose,) int32, 1 for the pose before plus 2 for that after
+    rate: float  # poses a second
+    curved: bool = True  # whether the motion is a parabola through all three, or a straight line
 
     @classmethod
     def of(cls, course: RootedPoses, frames: np.ndarray, rate: float, *, curved: bool = True) -> Neighbours:
@@ -193,11 +186,8 @@ class Rooting:
         away = np.copysign(np.maximum(np.abs(cos_y), 1e-6), cos_y)
         zero, one = np.zeros_like(sin_x), np.ones_like(sin_x)
         by_z = np.stack([zero, sin_x / away, cos_x / away], axis=1)
-        rows = (
-            np.stack([one, zero, zero], axis=1) + sin_y[:, None] * by_z,
-            np.stack([zero, cos_x, -sin_x], axis=1),
-            by_z,
-        )
+        by_x = np.stack([one, zero, zero], axis=1) + sin_y[:, None] * by_z
+        rows = by_x, np.stack([zero, cos_x, -sin_x], axis=1), by_z
         root = np.searchsorted(self.searched, ROOT_ANGLES.start)
         derivative[:, root : root + 3, root : root + 3] = np.stack(rows, axis=1)
         return derivative

@@ -73,7 +73,8 @@ def look(
         return FirstLook(doubts=tuple(doubts))
     # The calibration, by all views together.
     check = f"check with: mmocap calib check {scene.path}"
-    now, mistake = views.mistake()
+    # Where something may be in front, views differ for that, and hundreds of repairs would be tried in vain.
+    now, mistake = (agreement(rig, compared), None) if scene.has_others else views.mistake()
     if mistake is not None:
         found = f"{100 * now.share:.0f} % of the masks lie in the other views' hull, and nearly all after a repair"
         return FirstLook(f"{mistake} ({found})", check)

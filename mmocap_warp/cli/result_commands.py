@@ -7,13 +7,25 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from mmocap_warp.cli.command import BY_PLACE, Answer, Given, command, several
-from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, ResultFrames, SceneFrames, flags_of, next_step, table
+from mmocap_warp.cli.console import (
+    BAD_INPUT,
+    CHECK_FAILED,
+    OK,
+    Console,
+    ResultFrames,
+    SceneFrames,
+    flags_of,
+    next_step,
+    table,
+)
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
@@ -21,7 +33,7 @@ from mmocap_warp.formats.toml_table import listed
 from mmocap_warp.tracking.track_config import AS_GIVEN, REFINE, TrackConfig
 
 if TYPE_CHECKING:
-    from mmocap_warp.body.model import Subject
+    from mmocap_warp.result.result import Result
     from mmocap_warp.scene.recording import Scene
 
 TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
@@ -29,25 +41,64 @@ TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 @command("track:track", output=Given(Path | None), frames=SceneFrames, settings=TrackFlags | None)
 def track(
-    call: Any, console: Console, loaded: Scene, output: Path | None, person: str | None, force: bool, settings: Any
-) -> int:
+    call: Any,
+    console: Console,
+    loaded: Scene,
+    output: Path | None,
+    person: str | None,
+    resume: bool,
+    force: bool,
+    settings: Any,
+) -> Answer:
     from mmocap_warp.commands.mask import with_masks
+    from mmocap_warp.commands.outputs import new_file
+    from mmocap_warp.commands.show import show_all
+    from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
+    from mmocap_warp.formats.usd.usd_people import results_in, write_people
 
     # Without an output all is made beside the scene, and what exists is not made again.
     whole, output = output is None, output or loaded.directory / "result.usdc"
     loaded = with_masks(loaded, console)
-    if person is not None or loaded.person or not loaded.people:
-        chosen = loaded.of_person(person) if person in loaded.people else loaded
-        values, text, code = _track(call, console, chosen, output, whole, force, settings)
+    people = _everybody(loaded, person)
+    done: dict[str, tuple[Path, Result]] = {}
+
+    track_one = partial(_track, call, console, whole=whole, force=force, settings=settings, done=done)
+    if people:
+        before = results_in(output) if (whole or resume) and output.exists() else {}
+        new_file(output, *USD_SUFFIXES, force=force or bool(before))
+        work = {name: partial(track_one, loaded.of_person(name), _of_person(output, name)) for name in people}
+        answer = _each(console, work)
+        if not done:
+            return answer
+        if force or [*before] != [*done]:
+            write_people(output, done)
     else:
-        each = [
-            _track(call, console, loaded.of_person(name), _of_person(output, name), whole, force, settings)
-            for name in loaded.people
-        ]
-        values = {"people": dict(zip(loaded.people, (of_one[0] for of_one in each), strict=True))}
-        text, code = "\n".join(of_one[1] for of_one in each), max(of_one[2] for of_one in each)
-    console.result(values, text)
-    return code
+        answer = track_one(loaded.of_person(person) if person in loaded.people else loaded, output)
+    files = {"result": output, **(show_all(output, console, force) if whole else {})}
+    step = next_step("show", output) if people else answer.values["next"]
+    values = {**answer.values, **files, "next": step}
+    return Answer(values, [*files.values(), *answer.lines, f"next: {step}"], answer.code)
+
+
+def _everybody(scene: Scene, person: str | None) -> list[str]:
+    """The people who are meant one after the other; none where one is, or the scene names nobody."""
+    everybody = person == "all" and person not in scene.people
+    return [*scene.people] if everybody or not (person or scene.person) else []
+
+
+def _each(console: Console, work: Mapping[str, Callable[[], Answer]]) -> Answer:
+    """What is done for each of several people, by their names; what fails for one is done for the others."""
+    values, lines, codes = dict[str, Any](), list[object](), []
+    for name, do in work.items():
+        try:
+            answer = do()
+        except InputError as error:
+            console.warn(f"{name}: {error}")
+            answer = Answer({"problem": str(error)}, [f"failed: {error}"], BAD_INPUT)
+        values[name] = answer.values
+        lines += [f"{name}:", *answer.lines]
+        codes.append(answer.code)
+    return Answer({"people": values}, lines, BAD_INPUT if BAD_INPUT in codes else max(codes))
 
 
 def _of_person(output: Path, name: str) -> Path:
@@ -56,11 +107,17 @@ def _of_person(output: Path, name: str) -> Path:
 
 
 def _track(
-    call: Any, console: Console, scene: Scene, output: Path, whole: bool, force: bool, settings: Any
-) -> tuple[dict[str, Any], str, int]:
-    """Track one person: what is known then, as values and for people, and the exit code."""
+    call: Any,
+    console: Console,
+    scene: Scene,
+    output: Path,
+    whole: bool,
+    force: bool,
+    settings: Any,
+    done: dict[str, tuple[Path, Result]],
+) -> Answer:
+    """Track one person, whose file and result are added to what is ``done``."""
     from mmocap_warp.commands.evaluate import evaluate_in_scene
-    from mmocap_warp.commands.show import show_all
     from mmocap_warp.result.verdict import verdict
 
     changes: dict[str, Any] = {"person": None} if scene.person else {}  # the scene is of that person already
@@ -75,19 +132,18 @@ def _track(
     if whole and not asked and tracked.config["cameras"] != REFINE and verdict(tracked)["cameras"]:
         console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
         tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})
-        force = True
+    done[scene.person] = output, tracked
     try:
         report, warning = evaluate_in_scene(tracked, scene)
     except InputError:
         console.warn(f"{output} is written; its comparison with the scene's truth failed:")
         raise
-    step = (report["verdict"]["cameras"] and report["verdict"]["next"]) or next_step("show", output)
-    files = {"result": output, **(show_all(output, console, force) if whole else {})}
     if warning:
         console.warn(warning)
-    text = "\n".join([*map(str, files.values()), summary(report), f"next: {step}"])
+    step = (report["verdict"]["cameras"] and report["verdict"]["next"]) or next_step("show", output)
     code = OK if report["verdict"]["holds"] else CHECK_FAILED
-    return {**files, **report, "config": tracked.config, "next": step}, text, code
+    values = {"result": output, **report, "config": tracked.config, "next": step}
+    return Answer(values, [summary(report)], code)
 
 
 @command(
@@ -116,20 +172,17 @@ def live(call: Any) -> Answer:
     frames=SceneFrames,
     settings=FitFlags | None,
 )
-def fit(call: Any, scene: Path, output: Path, identity: int | None, person: str | None) -> Answer:
+def fit(call: Any, console: Console, scene: Path, output: Path, identity: int | None, person: str | None) -> Answer:
     from mmocap_warp.scene.scene_toml import load_scene
 
-    named = load_scene(scene, identity=identity)
-    people = {} if person or named.person else named.people
-    if not people:
-        return _fitted(call(), output)
-    files = {name: _of_person(output, name) for name in people}
-    each = [_fitted(call(person=name, output=file), file) for name, file in files.items()]
-    values = {"people": dict(zip(people, (of_one.values for of_one in each), strict=True))}
-    return Answer(values, [line for of_one in each for line in of_one.lines])
+    if not (people := _everybody(load_scene(scene, identity=identity), person)):
+        return _fitted(call, output)
+    work = {name: partial(_fitted, partial(call, person=name), _of_person(output, name)) for name in people}
+    return _each(console, work)
 
 
-def _fitted(subject: Subject, output: Path) -> Answer:
+def _fitted(call: Any, output: Path) -> Answer:
+    subject = call(output=output)
     known, name = subject.provenance, subject.body.name
     step = next_step("show", output)
     values = {"file": output, "body": name, "height_m": known["body.height"], **known, "next": step}
@@ -172,13 +225,19 @@ def demo(call: Any, example: str) -> Answer:
 
 
 @command("evaluate:evaluate", frames=ResultFrames, joint_set=Given(str, "rig"))
-def evaluate(call: Any, joint_set: str) -> Answer:
-    report = call()
-    good = report["verdict"]["holds"] and report.get("other_world") is None
-    step = report["verdict"]["next"]
-    by_joint = [] if joint_set == "rig" or "by_joint" not in report else [_by_joint(report["by_joint"])]
-    lines = [summary(report), *by_joint, *([f"next: {step}"] if step else [])]
-    return Answer(report, lines, OK if good else CHECK_FAILED)
+def evaluate(call: Any, console: Console, result: Path, joint_set: str) -> Answer:
+    from mmocap_warp.formats.usd.usd_people import results_in
+
+    def evaluate_one(file: Path) -> Answer:
+        report = call(result=file)
+        good = report["verdict"]["holds"] and report.get("other_world") is None
+        step = report["verdict"]["next"]
+        by_joint = [] if joint_set == "rig" or "by_joint" not in report else [_by_joint(report["by_joint"])]
+        lines = [summary(report), *by_joint, *([f"next: {step}"] if step else [])]
+        return Answer(report, lines, OK if good else CHECK_FAILED)
+
+    people = {name: partial(evaluate_one, file) for name, file in results_in(result).items()}
+    return _each(console, people) if people else evaluate_one(result)
 
 
 def _by_joint(errors: dict[str, dict[str, float | None]]) -> str:
@@ -202,9 +261,11 @@ def show(call: Any, result: Path) -> Answer:
     known = {"video": drawn.video, "sheet": drawn.sheet, "strip": drawn.strip}
     files = {kind: file for kind, file in known.items() if file is not None}
     lines, values = [*files.values(), *_judgement(drawn.report)], {**files, **drawn.report}
+    for name, report in drawn.report.get("people", {}).items():
+        lines += [f"{name}:", *_judgement(report)]
     if drawn.report:
         export = next_step("export", result, "-o", result.with_suffix(".glb"))
-        values["next"] = drawn.report["verdict"]["next"] or export
+        values["next"] = drawn.report.get("verdict", {}).get("next") or export
         lines.append(f"next: {values['next']}")
     return Answer(values, lines)
 

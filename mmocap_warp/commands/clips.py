@@ -22,6 +22,7 @@ def make_sequences(
     skeleton: str | Path | None = None,
     markers: str | Path | None = None,
     together: bool = False,
+    apart: float = 0.7,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> dict[str, Path]:
@@ -39,6 +40,7 @@ def make_sequences(
         skeleton: the .asf of an .amc. [default: beside it, named as the .amc up to '_']
         markers: the .c3d of the same take as an .amc; its marker paths become the truth.
         together: the people of the sequences, two or more, are in one scene of label images and pass each other.
+        apart: how near to each other they come [m]; 0.7 is a hand between shoulders that pass, 0.4 a hold.
         force: write among files that are there.
         reporter: receives progress.
 
@@ -66,12 +68,14 @@ def make_sequences(
     people = {name.split("/")[0] for name in sequences}
     if together and (len(people) < 2 or len(people) < len(sequences) or degrade != NONE or clip is not None):
         raise UsageError("--together needs two or more --sequence of different people, without --clip and --degrade")
+    if not 0 < apart < 10:
+        raise UsageError(f"--apart must be above 0 and below 10, got {apart:g}")
     folder = new_folder(folder, force=force)
     if together:
         shortest = min(CLIPS[name].frame_count for name in sequences)
         of_people = [CLIPS[name].first(min(frames or shortest, shortest)) for name in sequences]
         with (reporter or Reporter()).stage("make people") as progress:
-            return {" and ".join(sequences): write_people(folder, of_people, progress)}
+            return {" and ".join(sequences): write_people(folder, of_people, apart, progress)}
     scenes = {}
     for name in sequences or tuple(SEQUENCES):
         made = CLIPS[name] if clip is None else clip_sequence(name, clip, skeleton, markers)

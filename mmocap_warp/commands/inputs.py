@@ -257,8 +257,7 @@ def look_first(
     from mmocap_warp.calibration.first_look import look
 
     looked = look(scene, body, start=start, to_be_mended=to_be_mended)
-    hidden = any(source.in_front for source in scene.cameras)  # then views may differ in what they show
-    if looked.problem is not None and not (trust or hidden):
+    if looked.problem is not None and not (trust or scene.has_others):  # then views may differ in what they show
         remedy = f"{looked.remedy}; or go on with --trust-cameras"
         raise InputError(scene.path, looked.problem, remedy)
     despite = "is trusted" if trust else "what is in front of the subject may be why"

@@ -1,6 +1,6 @@
 """A result to look at, ``mmocap show`` and ``view``, and its animation for other programs, ``mmocap export``."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +20,7 @@ from mmocap_warp.formats import table
 from mmocap_warp.formats.exports.rigs import with_rig
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.formats.usd.usd_people import results_in
 from mmocap_warp.formats.usd.usd_result import holds_result
 from mmocap_warp.result.evaluation import iou_by_camera
 from mmocap_warp.result.excerpt import at_rate, before_smoothing, of_run, stood_up
@@ -41,7 +42,7 @@ class Drawing:
 
     video: Path | None  # all frames; None of a subject, which has one
     sheet: Path  # some frames of all cameras, or the subject
-    # ``verdict`` and ``iou_by_camera`` as ``evaluate`` gives them; empty of a subject
+    # ``verdict`` and ``iou_by_camera`` as ``evaluate`` gives them, under ``people`` of several; empty of a subject
     report: dict[str, Any] = field(default_factory=dict)
     strip: Path | None = None  # the animated strip, where it was asked for
 
@@ -66,7 +67,7 @@ def show(
     Of a subject it is a picture: the fit over the first frame, or the body alone where the scene is not known.
 
     Args:
-        result: what was tracked or fitted, or its file.
+        result: what was tracked or fitted, or its file, which may be of several people.
         scene: the scene, if it is no longer where the result says.
         beside: files of other people's results, of the same scene and frames, to be drawn too.
         output: the video's file, .webm. The sheet, and a subject's picture, have the ending .png. [default: beside the
@@ -84,6 +85,7 @@ def show(
         InputError: the scene is another recording or not there, or a file cannot be written.
     """
     reporter = reporter or Reporter()
+    named, (result, *beside) = result, _with_people(result, beside)
     if isinstance(result, Subject) or (isinstance(result, str | Path) and not holds_result(result)):
         if frames is not None or whole or slow != 1.0 or deviations or strip or beside:
             problem = "--beside, --frames, --whole, --slow, --deviations and --strip need a result"
@@ -91,7 +93,7 @@ def show(
         return _show_subject(result, scene, new_file(_beside(result, output, ".png"), ".png", force=force))
     if not 0.0 < slow < float("inf"):
         raise UsageError(f"--slow must be above 0, got {slow:g}")
-    video = new_file(_beside(result, output, ".webm"), ".webm", force=force)
+    video = new_file(_beside(named, output, ".webm"), ".webm", force=force)
     sheet = new_file(video.with_suffix(".png"), ".png", force=force)
     animated = new_file(video.with_suffix(".webp"), ".webp", force=force) if strip else None
     tracked, path = result_from(result)
@@ -101,28 +103,43 @@ def show(
     others = _others(beside, tracked, scene, reporter)
     settings = {"strip": animated, "slow": slow, "deviations": deviations}
     draw_result(tracked, recorded, video, sheet, reporter, positions, whole, others, **settings)
-    judged = verdict(shown, None if recorded is None else recorded.path)
-    return Drawing(video, sheet, {"iou_by_camera": iou_by_camera(shown), "verdict": judged}, animated)
+    report = _judged(shown, recorded)
+    if others:
+        each = [(look.name, result.at(positions), of) for look, result, of in _people([(tracked, recorded), *others])]
+        report = {"people": {name: _judged(result, of) for name, result, of in each}}
+    return Drawing(video, sheet, report, animated)
+
+
+def _judged(result: Result, scene: Scene | None) -> dict[str, Any]:
+    judged = verdict(result, None if scene is None else scene.path)
+    return {"iou_by_camera": iou_by_camera(result), "verdict": judged}
+
+
+def _with_people(result: Any, beside: Sequence[str | Path] | None) -> list[Any]:
+    """A result, or those that a file of several people names, and further ones."""
+    people = results_in(result).values() if isinstance(result, str | Path) else ()
+    return [*(people or [result]), *(beside or ())]
 
 
 def _others(
-    beside: Sequence[str | Path] | None, result: Result, scene: Scene | str | Path | None, reporter: Reporter
+    beside: Sequence[str | Path], result: Result, scene: Scene | str | Path | None, reporter: Reporter
 ) -> list[tuple[Result, Scene | None]]:
     """Results beside one of the same frames, each with the scene of its person."""
-    others = [(other, scene_of(other, file, scene, reporter)) for other, file in map(result_from, beside or ())]
+    others = [(other, scene_of(other, file, scene, reporter)) for other, file in map(result_from, beside)]
     if any(other.frame_numbers.tolist() != result.frame_numbers.tolist() for other, _ in others):
         raise UsageError("--beside needs results of the same frames")
     return others
 
 
 def show_all(result: Path, reporter: Reporter, force: bool) -> dict[str, Path]:
-    """The overlay video and the page of a result beside it, made where they are not there or by ``force``."""
-    video, page = result.with_suffix(".webm"), result.with_suffix(".html")
-    if force or not video.exists():
-        show(result, output=video, force=True, reporter=reporter)
-    if force or not page.exists():
-        view(result, output=page, force=True, reporter=reporter)
-    return {"video": video, "page": page}
+    """The overlay video and the page beside a result, made where there are none or older ones, or by ``force``."""
+    files = {"video": result.with_suffix(".webm"), "page": result.with_suffix(".html")}
+    newest = max(file.stat().st_mtime for file in (result, *results_in(result).values()))
+    makers: tuple[Callable[..., object], ...] = show, view
+    for file, make in zip(files.values(), makers, strict=True):
+        if force or not file.exists() or file.stat().st_mtime < newest:
+            make(result, output=file, force=True, reporter=reporter)
+    return files
 
 
 def _beside(result: object, output: str | Path | None, suffix: str) -> Path:
@@ -216,7 +233,7 @@ def view(
     A notebook shows it below its cell.
 
     Args:
-        result: what was tracked, or its file.
+        result: what was tracked, or its file, which may be of several people.
         scene: the scene, if it is no longer where the result says.
         beside: files of other people's results, of the same scene and frames, that the page shows too.
         truth: what errors are measured from. [default: the scene's own]
@@ -234,6 +251,7 @@ def view(
     reporter = reporter or Reporter()
     page = None if output is None else new_file(output, ".html", force=force)
     recording = None if rerun is None else new_file(rerun, ".rrd", force=force)
+    result, *beside = _with_people(result, beside)
     tracked, path = result_from(result)
     recorded = scene_of(tracked, path, scene, reporter)
     known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
@@ -257,7 +275,7 @@ def view(
 class Export:
     """What was exported."""
 
-    files: tuple[Path, ...]  # those that were written, one for each run
+    files: tuple[Path, ...]  # those that were written, one for each run or person
     frames: int  # how many each has
     fps: float  # frames per second
     up: str  # the vertical of its world
@@ -280,10 +298,11 @@ def export(
 ) -> Export:
     """Write a result's animation alone, in the format of the file's ending.
 
-    The world is the result's, which is the calibration's. A format with a vertical of its own has it turned.
+    The world is the result's, which is the calibration's. A format with a vertical of its own has it turned. Of several
+    people one .glb or USD file holds all; of other formats there is a file a person, such as walk.anna.bvh.
 
     Args:
-        result: what was tracked, or its file.
+        result: what was tracked, or its file, which may be of several people.
         output: the animation's file, known by its ending.
         run: which run: its number from 0, or "all" for a file a run, such as walk-run0.bvh. [default: the best]
         raw: the track as it was before it was smoothed.
@@ -302,7 +321,7 @@ def export(
         InputError: a file that cannot be written, or is no result.
     """
     output = Path(output)
-    new_file(output, *table.EXPORT_SUFFIXES, force=force or run == "all")
+    new_file(output, *table.EXPORT_SUFFIXES, force=True)
     _check_format(output, up, bake)
     if output.suffix.lower() == ".vrma":
         if rig not in (None, "vrm"):
@@ -311,17 +330,26 @@ def export(
     if joint_set != RIG and not table.export_format(output).takes_joint_set:
         fitting = ", ".join(ending for each in table.EXPORTS if each.takes_joint_set for ending in each.suffixes)
         raise UsageError(f"--joint-set cannot be in {output.suffix}; end the output in one of {fitting}")
-    tracked, _ = result_from(result)
-    points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
-    files = _files(output, run, len(tracked.pose), tracked.best_run)
-    for file in files:
+    people: dict[str, Any] = {**results_in(result)} if isinstance(result, str | Path) else {}
+    together = bool(people) and run is None and not bake and output.suffix.lower() in table.export_format(output).people
+    parts: dict[Path, dict[str, tuple[Result, int]]] = {}  # of each file, its people and their runs
+    for name, each in (people or {"": result}).items():
+        tracked, _ = result_from(each)
+        own = output if together or not name else output.with_name(f"{output.stem}.{name}{output.suffix}")
+        for file, number in _files(own, run, len(tracked.pose), tracked.best_run).items():
+            parts.setdefault(file, {})[name] = tracked, number
+    for file in parts:
         new_file(file, *table.EXPORT_SUFFIXES, force=force)
     start_warp()
-    for file, number in files.items():
-        chosen = _chosen(of_run(tracked, number), raw, frames, fps, rig, up)
-        table.export(chosen, file, table.POINT_CACHES if bake else table.EXPORTS, points)
+    for file, part in parts.items():
+        of_file = {
+            name: _chosen(of_run(each, number), raw, frames, fps, rig, up) for name, (each, number) in part.items()
+        }
+        chosen, (tracked, _) = next(iter(of_file.values())), next(iter(part.values()))
+        points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
+        table.export(of_file if together else chosen, file, table.POINT_CACHES if bake else table.EXPORTS, points)
     vertical = table.export_format(output).up or chosen.cameras.up
-    return Export(tuple(files), len(chosen.frame_numbers), chosen.rate, vertical)
+    return Export(tuple(parts), len(chosen.frame_numbers), chosen.rate, vertical)
 
 
 def _check_format(output: Path, up: str | None, bake: bool) -> None:

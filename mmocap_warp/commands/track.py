@@ -81,7 +81,8 @@ def fit(
         frames: which of the recording's frames: first:end or first:end:stride. A number is the setting of that name.
             [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
-        person: the name of who is meant, of the people in the scene. [default: the scene's, or each in turn]
+        person: the name of who is meant, of the people in the scene; the command also takes all. [default: the
+            scene's, or all]
         trust_cameras: go on even if masks and calibration fit no body; the subject says so.
         force: replace a file that exists.
         reporter: receives notes and progress.
@@ -189,7 +190,8 @@ def track(
         rigid: that body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
         frames: which of the recording's frames. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
-        person: the name of who is meant, of the people in the scene. [default: the scene's, or each in turn]
+        person: the name of who is meant, of the people in the scene; the command also takes all. [default: the
+            scene's, or all]
         again: a result of this scene, in which only the frames around pins, or those of --frames, are solved anew; all
             others keep their bits. Subject and settings are the result's own; device and threads may be other ones.
         pins: for --again, a file of joints that were clicked in two views or more, which 'mmocap view' helps to write.

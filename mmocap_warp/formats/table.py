@@ -38,6 +38,7 @@ class Format:
     open_sizes: bool = False  # of a calibration: whether it may leave out how large the images are
     beside: tuple[str, ...] = ()  # names of further files that a calibration of it is written to
     takes_joint_set: bool = False  # of an export: whether it may hold the points of a joint set
+    people: tuple[str, ...] = ()  # of an export: endings of files that hold several people, whose results come by name
     lenses: str = ""  # of a calibration that may lack the cameras' places: the function that reads such a file
 
     def matches(self, path: Path) -> bool:
@@ -102,9 +103,11 @@ CALIBRATION_EXPORTS: tuple[Format, ...] = (
 )
 """Their functions take the file and the rig, as :func:`write_calibration` does."""
 
+_USD = (".usda", ".usdc", ".usdz")
+
 EXPORTS: tuple[Format, ...] = (
-    Format("USD", (".usda", ".usdc", ".usdz"), "usd.usd_result:export_animation"),
-    Format("glTF", (".glb", ".vrma"), "exports.glb:write_glb", up="+y"),
+    Format("USD", _USD, "usd.usd_result:export_animation", people=_USD),
+    Format("glTF", (".glb", ".vrma"), "exports.glb:write_glb", up="+y", people=(".glb",)),
     Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
     Format("OpenSim markers", (".trc",), "exports.tables:write_trc", up="+y", takes_joint_set=True),
     Format("OpenSim motion", (".mot",), "exports.tables:write_mot", up="+y"),
@@ -219,11 +222,14 @@ def calibration_export(path: Path) -> Format:
 
 
 def export(
-    result: Result, path: Path, formats: tuple[Format, ...] = EXPORTS, joint_set: JointSet | None = None
+    result: Result | dict[str, Result],
+    path: Path,
+    formats: tuple[Format, ...] = EXPORTS,
+    joint_set: JointSet | None = None,
 ) -> None:
     """Write the animation of a result's best run in that one of some formats that the file's ending names.
 
-    A joint set is for formats that take one.
+    A joint set is for formats that take one, results by people's names for those that hold several.
 
     A format with a vertical of its own has the world turned to it, as :func:`mmocap_warp.result.excerpt.stood_up` does.
     """
@@ -231,7 +237,9 @@ def export(
 
     format = _format_of(formats, path)
     points = {} if joint_set is None else {"joint_set": joint_set}
-    format.load()(result if format.up is None else stood_up(result, format.up), path, **points)
+    people = result if isinstance(result, dict) else {"": result}
+    turned = {name: each if format.up is None else stood_up(each, format.up) for name, each in people.items()}
+    format.load()(turned if isinstance(result, dict) else turned[""], path, **points)
 
 
 def export_format(path: Path) -> Format:

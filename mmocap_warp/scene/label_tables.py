@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
@@ -11,7 +12,7 @@ from mmocap_warp.scene.camera_source import CameraSource
 from mmocap_warp.scene.recording import Person
 from mmocap_warp.whole_file import file_name
 
-_ROLES = ("person", "thing", "ignore")
+_ROLES = ("person", "thing", "ignore", "garment")  # skin under a garment is as much in doubt as behind a thing
 _NOT_GIVEN = "labels are those of given masks; these are made"
 
 
@@ -32,15 +33,19 @@ def with_labels(
     if any(map(any, roles.values())) and foreground.source != "masks":
         raise table.error(_NOT_GIVEN, "leave the table out")
     return tuple(
-        replace(source, label=next(iter(person), 0), in_front=tuple(sorted({*thing, *ignored})))
-        for source, person, thing, ignored in zip(sources, *roles.values(), strict=True)
+        replace(source, label=next(iter(person), 0), in_front=tuple(sorted({*chain(*others)})))
+        for source, person, *others in zip(sources, *roles.values(), strict=True)
     )
 
 
 def read_people(
-    tables: dict[str, Table], sources: tuple[CameraSource, ...], foreground: ForegroundSettings, scene: Path
+    tables: dict[str, Table],
+    sources: tuple[CameraSource, ...],
+    foreground: ForegroundSettings,
+    scene: Path,
+    body: str | Path | None,
 ) -> dict[str, Person]:
-    """The people of tables [people.<name>]; results are named after them.
+    """The people of tables [people.<name>], of ``body`` where theirs name none; results are named after them.
 
     Raises:
         InputError: labels or files that cannot be, or a label of two people.
@@ -60,7 +65,7 @@ def read_people(
             if any(a == b for a, b in zip(own, person.labels, strict=True)):
                 raise table.error(f"'{name}' and '{other}' have the same label", "give each person its own")
         subject, truth = take_file(table, "subject", scene), take_file(table, "truth", scene)
-        people[name] = Person(own, subject, take_body(table, scene), truth)
+        people[name] = Person(own, subject, take_body(table, scene) or body, truth)
         table.finish()
     return people
 

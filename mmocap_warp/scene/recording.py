@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
-from itertools import repeat
 from pathlib import Path
 from typing import Any, Literal, Protocol
 from urllib.parse import quote
@@ -145,6 +144,11 @@ class Scene:
         """Whether its masks say who is tracked."""
         return any(source.label for source in self.cameras)
 
+    @property
+    def has_others(self) -> bool:
+        """Whether its masks say what may be in front of who is tracked."""
+        return any(source.in_front for source in self.cameras)
+
     def of_person(self, name: str) -> Scene:
         """The same recording as one of its people is tracked in it: all others may be in front.
 
@@ -212,7 +216,7 @@ class Scene:
             ValueError: frames that the scene does not have.
             InputError: images that turn out unreadable.
         """
-        hides = any(source.in_front for source in self.cameras)
+        hides = self.has_others
         for place, (views, in_front) in enumerate(self._seen(scale, first, count, body, hides), first):
             frame = self.frames[place : place + 1]
             late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps  # (camera,) [s]
@@ -220,13 +224,8 @@ class Scene:
 
     def hidden(self, scale: float) -> Iterator[list[np.ndarray]]:
         """Per camera (height, width) bool, what may be in front of the person, of all frames."""
-        frames, empty = self.frames, [np.zeros((height, width), bool) for width, height in self.rig(scale).size]
-        streams = [
-            self._raw_masks(k, scale, frames, source.in_front) if source.in_front else repeat(None, len(frames))
-            for k, source in enumerate(self.cameras)
-        ]
-        for views in zip(*streams, strict=True):
-            yield [nothing if view is None else view[0] for view, nothing in zip(views, empty, strict=True)]
+        for _, in_front in self._seen(scale, 0, None, None, hides=True):
+            yield in_front
 
     def masks(
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None

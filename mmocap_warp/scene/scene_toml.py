@@ -112,7 +112,7 @@ def load_scene(
     elif source == "subtraction" and foreground.source == "recording":
         kinds = (kind for kind in BACKGROUNDS if all(getattr(each, need) for each in sources for need in _IMAGES[kind]))
         foreground = replace(foreground, source=next(kinds, "recording"))
-    named_people = read_people(people, sources, foreground, path)
+    named_people = read_people(people, sources, foreground, path, body)
     if not (tracked is None or tracked in named_people):
         raise about.error(f'person = "{tracked}" has no table', f"add [people.{tracked}], or leave person out")
     needs = [each for each in _IMAGES[foreground.source] if not (live and each in ("video", "masks"))] if masks else []

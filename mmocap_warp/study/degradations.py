@@ -280,11 +280,13 @@ def write_sequence(
     )
 
 
-def write_people(folder: Path, sequences: Sequence[StudySequence], progress: Progress | None = None) -> Path:
+def write_people(
+    folder: Path, sequences: Sequence[StudySequence], apart: float, progress: Progress | None = None
+) -> Path:
     """Write sequences of one length and of different people as one scene, whose masks are label images.
 
-    People are named as in the sequences' names, and come as near to each other as
-    :data:`~mmocap_warp.synthesis.footage.together.APART`. Each has a subject, which tracking starts from, and a truth.
+    People are named as in the sequences' names, and come as near to each other as ``apart`` [m]. Each has a subject,
+    which tracking starts from, and a truth.
 
     Returns:
         Path of ``scene.toml``.
@@ -292,7 +294,7 @@ def write_people(folder: Path, sequences: Sequence[StudySequence], progress: Pro
     Raises:
         InputError: a folder that cannot be written to.
     """
-    shifts = places([sequence.recording.poses[:, :2] for sequence in sequences])
+    shifts = places([sequence.recording.poses[:, :2] for sequence in sequences], apart)
     tables = ""
     folder.mkdir(parents=True, exist_ok=True)
     for label, (sequence, shift) in enumerate(zip(sequences, shifts, strict=True), 1):

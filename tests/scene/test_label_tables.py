@@ -53,6 +53,8 @@ def test_a_thing_and_what_is_ignored_may_be_in_front_of_the_person(folder):
     scene = scene_with(folder, "[labels]\nperson = 1\nthing = 3\nignore = { cam03 = [5] }\n")
     assert scene.foreground.keep == "all"
     own, hidden = seen(scene)
+    worn = seen(scene_with(folder, "[labels]\nperson = 1\ngarment = 3\nignore = { cam03 = [5] }\n"))
+    np.testing.assert_array_equal(worn[1], hidden)
     assert own.sum(axis=(1, 2)).tolist() == [30 * 14 - 10 * 10] * 3
     assert hidden.sum(axis=(1, 2)).tolist() == [14 * 12, 14 * 12, 14 * 12 + 30 * 14]
 

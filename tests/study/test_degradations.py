@@ -180,6 +180,10 @@ def test_people_together_hide_one_another_and_keep_apart(tmp_path):
         assert shown[pixels[:, 1].clip(0, 479), pixels[:, 0].clip(0, 639)].mean() > 0.8
     assert np.linalg.norm(places[0] - places[1], axis=1).min() >= 0.69
     assert main(["study", "make", str(folder), *flags[:2], "--together", "--force"]) == 2
+    assert main(["study", "make", str(tmp_path / "hold"), *flags, "--apart", "0.4"]) == 0
+    joints = [load_truth(tmp_path / "hold" / f"{name}.truth.usdc").joints[:, 0, :2] for name in ("S1", "S2")]
+    assert 0.39 <= np.linalg.norm(joints[0] - joints[1], axis=1).min() <= 0.5
+    assert main(["study", "make", str(tmp_path / "far"), *flags, "--apart", "-1"]) == 2
 
 
 def test_several_are_done_in_one_order(clip):

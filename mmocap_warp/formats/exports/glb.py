@@ -33,12 +33,16 @@ _VRM_ANIMATION = "VRMC_vrm_animation"
 _SKIN_LOOK = {"baseColorFactor": [0.8, 0.7, 0.62, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
 
 
-def write_glb(result: Result, path: Path) -> None:
-    """Write a result, which is Y up; single precision, about 1e-6 m."""
-    tracks = best_run_tracks(result)
-    about = {"first_frame": int(tracks.number[0]), "frames_per_second": tracks.rate}
-    clip = _Clip("Motion", tracks.time - tracks.time[0], tracks.local)
-    _write(tracks.subject.body, tracks.local[0], [clip], about, path)
+def write_glb(result: Result | Mapping[str, Result], path: Path) -> None:
+    """Write a result, which is Y up, or several by people's names; single precision, about 1e-6 m."""
+    results = result if isinstance(result, Mapping) else {"": result}
+    people, about = {}, dict[str, Any]()
+    for name, each in results.items():
+        tracks = best_run_tracks(each)
+        about = {"first_frame": int(tracks.number[0]), "frames_per_second": tracks.rate}
+        clip = _Clip("Motion", tracks.time - tracks.time[0], tracks.local)
+        people[name] = _Moving(tracks.subject.body, tracks.local[0], [clip])
+    _write(people, about, path)
 
 
 def write_body_glb(body: BodyModel, motions: Mapping[str, BodyMotion], path: Path) -> None:
@@ -50,7 +54,7 @@ def write_body_glb(body: BodyModel, motions: Mapping[str, BodyMotion], path: Pat
         _Clip(name, np.arange(len(motion.pose)) / motion.fps, joint_transforms(subject, motion.pose)[0])
         for name, motion in motions.items()
     ]
-    _write(body, joint_transforms(subject, stand[None])[0][0], clips, {}, path)
+    _write({"": _Moving(body, joint_transforms(subject, stand[None])[0][0], clips)}, {}, path)
 
 
 class _Clip(NamedTuple):
@@ -61,34 +65,57 @@ class _Clip(NamedTuple):
     local: np.ndarray
 
 
-def _write(body: BodyModel, stand: np.ndarray, clips: list[_Clip], about: dict[str, Any], path: Path) -> None:
-    """Write a body whose joints stand (joint, 4, 4) below their parents while nothing is played."""
-    # All but where its numbers stand. Nodes are the joints in their order, then the skin.
-    buffer, skeleton, bind = _Buffer(), body.skeleton, bind_transforms(body)
-    joints = len(skeleton.joints)
-    skin = _skin(body.skin, buffer)
-    human = {name: {"node": skeleton.index(name)} for name in RIGS["vrm"].names.values() if name in skeleton.joints}
-    is_vrm = len(human) == len(RIGS["vrm"].names)
-    if is_vrm:  # those who play it ask the nodes for the rest pose
-        stand = np.concatenate([bind[:1], np.linalg.inv(bind[list(skeleton.parent[1:])]) @ bind[1:]])
-    inverse_bind = np.linalg.inv(bind)
-    inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
-    inverse = buffer.add(inverse_bind.transpose(0, 2, 1), "MAT4")  # by columns
-    asset = {"version": "2.0", "generator": f"mmocap-warp {__version__}", "copyright": body.attribution}
+class _Moving(NamedTuple):
+    """A body whose joints stand (joint, 4, 4) below their parents while none of its animations is played."""
+
+    body: BodyModel
+    stand: np.ndarray
+    clips: list[_Clip]
+
+
+def _write(people: Mapping[str, _Moving], about: dict[str, Any], path: Path) -> None:
+    """Write bodies by their names; one without a name stands alone."""
+    buffer, human = _Buffer(), dict[str, Any]()
+    nodes, roots, meshes, skins, motions = [], list[int](), [], [], dict[str, dict[str, Any]]()
+    for number, (person, (body, stand, clips)) in enumerate(people.items()):
+        # All but where its numbers stand. Nodes are the joints in their order, then the skin.
+        skeleton, bind, first = body.skeleton, bind_transforms(body), len(nodes)
+        joints = len(skeleton.joints)
+        skin = _skin(body.skin, buffer)
+        bones = {name: {"node": skeleton.index(name)} for name in RIGS["vrm"].names.values() if name in skeleton.joints}
+        if len(bones) == len(RIGS["vrm"].names) and not person:  # those who play it ask the nodes for the rest pose
+            human = bones
+            stand = np.concatenate([bind[:1], np.linalg.inv(bind[list(skeleton.parent[1:])]) @ bind[1:]])
+        inverse_bind = np.linalg.inv(bind)
+        inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
+        inverse = buffer.add(inverse_bind.transpose(0, 2, 1), "MAT4")  # by columns
+        skin_name = f"{person} skin" if person else body.name
+        nodes += [*_joint_nodes(skeleton, stand, first), {"name": skin_name, "mesh": number, "skin": number}]
+        if person:
+            nodes.append({"name": person, "children": [first]})
+        roots += [len(nodes) - 1 if person else first, first + joints]
+        meshes.append({"name": body.name, "primitives": [skin]})
+        numbers = list(range(first, first + joints))
+        skins.append({"joints": numbers, "skeleton": first, "inverseBindMatrices": inverse})
+        for clip in clips:  # what has one name is played together
+            motion = motions.setdefault(clip.name, {"name": clip.name, "samplers": [], "channels": []})
+            _animate(motion, clip, skeleton.slides, buffer, first)
+    owners = "; ".join(dict.fromkeys(moving.body.attribution for moving in people.values()))
+    asset = {"version": "2.0", "generator": f"mmocap-warp {__version__}", "copyright": owners}
     document: dict[str, Any] = {
         "asset": asset | {"extras": about},
         "scene": 0,
-        "scenes": [{"nodes": [0, joints]}],
-        "nodes": [*_joint_nodes(skeleton, stand), {"name": body.name, "mesh": 0, "skin": 0}],
-        "meshes": [{"name": body.name, "primitives": [skin]}],
+        "scenes": [{"nodes": roots}],
+        "nodes": nodes,
+        "meshes": meshes,
         "materials": [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}],
-        "skins": [{"joints": list(range(joints)), "skeleton": 0, "inverseBindMatrices": inverse}],
+        "skins": skins,
     }
-    if is_vrm:
+    if human:
         about_bones = {"specVersion": "1.0", "humanoid": {"humanBones": human}}
         document |= {"extensionsUsed": [_VRM_ANIMATION], "extensions": {_VRM_ANIMATION: about_bones}}
-    if clips:
-        document["animations"] = [_animation(clip, skeleton.slides, buffer) for clip in clips]
+    if motions:
+        document["animations"] = list(motions.values())
     # Where the numbers stand, and the two chunks of the file.
     document |= {"bufferViews": buffer.views, "accessors": buffer.accessors}
     document |= {"buffers": [{"byteLength": len(buffer.data)}]}
@@ -125,12 +152,12 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def _joint_nodes(skeleton: Skeleton, stand: np.ndarray) -> list[dict[str, Any]]:
-    """The joints as they stand, for programs that play nothing."""
+def _joint_nodes(skeleton: Skeleton, stand: np.ndarray, first: int) -> list[dict[str, Any]]:
+    """The joints as they stand, for programs that play nothing; ``first`` is the number of their first node."""
     (rotation,) = _quaternions(stand[None, :, :3, :3])
     nodes = []
     for joint, name in enumerate(skeleton.joints):
-        children = [child for child, parent in enumerate(skeleton.parent) if parent == joint]
+        children = [first + child for child, parent in enumerate(skeleton.parent) if parent == joint]
         node = {"name": name, "translation": stand[joint, :3, 3].tolist(), "rotation": rotation[joint].tolist()}
         nodes.append(node | ({"children": children} if children else {}))
     return nodes
@@ -152,17 +179,16 @@ def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
     }
 
 
-def _animation(clip: _Clip, slides: np.ndarray, buffer: _Buffer) -> dict[str, Any]:
-    """The place of the root and of joints that slide, and every joint's turn."""
+def _animate(motion: dict[str, Any], clip: _Clip, slides: np.ndarray, buffer: _Buffer, first: int) -> None:
+    """Add to a motion the place of the root and of joints that slide, and every joint's turn."""
     rotation = _quaternions(clip.local[..., :3, :3])
     time = buffer.add(clip.time, "SCALAR")
     moving = (0, *np.flatnonzero(slides).tolist())
     outputs = [(joint, "translation", buffer.add(clip.local[:, joint, :3, 3], "VEC3")) for joint in moving]
     outputs += [(joint, "rotation", buffer.add(rotation[:, joint], "VEC4")) for joint in range(rotation.shape[1])]
-    samplers = [{"input": time, "output": output} for *_, output in outputs]
-    targets = enumerate({"node": node, "path": path} for node, path, _ in outputs)
-    channels = [{"sampler": sampler, "target": target} for sampler, target in targets]
-    return {"name": clip.name, "samplers": samplers, "channels": channels}
+    targets = enumerate(({"node": first + joint, "path": path} for joint, path, _ in outputs), len(motion["samplers"]))
+    motion["channels"] += [{"sampler": sampler, "target": target} for sampler, target in targets]
+    motion["samplers"] += [{"input": time, "output": output} for *_, output in outputs]
 
 
 def _quaternions(rotation: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel, UsdUtils, UsdValidation, Vt
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject
 from mmocap_warp.formats.usd.usd_file import reads_usd
+from mmocap_warp.formats.usd.usd_people import results_of
 from mmocap_warp.formats.usd.usd_result import holds_result, read_result
 
 _WEIGHT_SUM_TOLERANCE = 1e-4
@@ -36,7 +37,8 @@ def faults(path: str | Path) -> list[str]:
     # Files that it refers to, whether they exist or not; what a .usdz packs is in it.
     layers, assets, unresolved = UsdUtils.ComputeAllDependencies(str(path))
     named = [*(layer.realPath for layer in layers), *map(str, assets)]
-    outside = [name for name in named if name.partition("[")[0] != str(path.resolve())]
+    own = {str(file.resolve()) for file in (path, *results_of(stage, path).values())}
+    outside = [name for name in named if name.partition("[")[0] not in own]
     lines += [f"needs {name}, which is not in it" for name in [*outside, *map(str, unresolved)]]
     lines += body_faults(stage)
     # What keeps this program from reading a result, a subject or a body of its own.

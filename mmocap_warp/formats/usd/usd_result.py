@@ -12,12 +12,13 @@ Layout, with the recording's frame number as time code::
 
 import json
 import tempfile
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
-from pxr import Kind, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
+from pxr import Kind, Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
 from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.body.posing import Poser
@@ -32,6 +33,9 @@ from mmocap_warp.whole_file import whole_file
 VERSION = 2
 """Of the layout above; raised when a file of the older layout can no longer be read."""
 
+PEOPLE = "mmocap:people"
+"""The attribute of ``/World`` that a file of several people has; ``usd_people`` writes it."""
+
 _SAMPLED = {name: f"mmocap:{name}" for name in ("pose", "cost", "iou", "evaluations")}  # attributes by arrays
 _OPTIONAL = {"raw_pose": "mmocap:rawPose", "angle_sigma": "mmocap:angleSigma", "joint_sigma": "mmocap:jointSigma"}
 _OPTIONAL["view_shift"] = "mmocap:viewShift"
@@ -41,7 +45,7 @@ _REMEDY = "give a result that `mmocap track` wrote"
 
 def write_result(path: str | Path, result: Result) -> None:
     """Write a result to a ``.usd``, ``.usda`` or ``.usdc`` file; reading it gives it back exactly."""
-    stage = _new_world(result.cameras.up)
+    stage = new_world(result.cameras.up)
     body = define_subject(stage, f"/World/{result.subject.body.name}", result.subject)
     animate(stage, body, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
     define_cameras(stage, "/World/Cameras", result.cameras)
@@ -67,7 +71,9 @@ def read_result(path: str | Path) -> Result:
     stage = usd_file.read_stage(path)
     prim = _tracking(stage)
     if prim is None:
-        raise InputError(path, "holds no tracking result (no /World/Tracking)", _REMEDY)
+        several = bool(stage.GetAttributeAtPath(f"/World.{PEOPLE}"))
+        problem = "holds several people" if several else "holds no tracking result (no /World/Tracking)"
+        raise InputError(path, problem, "give the file of one of them, beside it" if several else _REMEDY)
     read = usd_file.PrimReader(prim, path, _REMEDY)
     version = read.value("mmocap:resultVersion")
     read.require(version == VERSION, f"this result has version {version}, this program reads {VERSION}")
@@ -157,17 +163,21 @@ def animate(
     extent.Set(_bounds(lowest, highest))  # for viewers that ask for no particular time
 
 
-def export_animation(result: Result, path: str | Path) -> None:
+def export_animation(result: Result | Mapping[str, Result], path: str | Path) -> None:
     """Write the best run alone: body, skeleton, animation and cameras as any program reads them, in the result's world.
 
     There is no ``mmocap:`` data in it but which joints slide, where any do. The path ends in ``.usd``, ``.usda``,
-    ``.usdc`` or ``.usdz``.
+    ``.usdc`` or ``.usdz``. Results may be several, by people's names, which their bodies' prims have.
     """
-    stage = _new_world(result.cameras.up)
-    root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
-    define_cameras(stage, "/World/Cameras", result.cameras)
-    _keep_what_is_seen(stage, root)
-    animate(stage, root, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
+    people = {result.subject.body.name: result} if isinstance(result, Result) else result
+    bodies = {name: people[person] for person, name in prim_names(people).items()}
+    cameras = next(iter(bodies.values())).cameras
+    stage = new_world(cameras.up)
+    roots = [define_body(stage, f"/World/{name}", each.subject.body) for name, each in bodies.items()]
+    define_cameras(stage, "/World/Cameras", cameras)
+    for root, each in zip(roots, bodies.values(), strict=True):
+        _keep_what_is_seen(stage, root)
+        animate(stage, root, each.subject, each.pose[each.best_run], each.frame_numbers, each.fps)
     _write_animation(stage, path)
 
 
@@ -191,7 +201,7 @@ def _write_animation(stage: Usd.Stage, path: str | Path) -> None:
             raise OSError("the package is not whole; no space left")
 
 
-def _new_world(up: str) -> Usd.Stage:
+def new_world(up: str) -> Usd.Stage:
     """A stage whose contents go below ``/World``, which is turned upright where ``up`` is neither +y nor +z."""
     stage = Usd.Stage.CreateInMemory()
     world = UsdGeom.Xform.Define(stage, "/World")
@@ -199,6 +209,18 @@ def _new_world(up: str) -> Usd.Stage:
     Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
     usd_file.set_world_up(stage, world, up)
     return stage
+
+
+def prim_names(people: Iterable[str]) -> dict[str, str]:
+    """The names of people's prims, by the people's own: such as USD takes, and each another."""
+    names: dict[str, str] = {}
+    for person in people:
+        name = "".join(letter if letter.isalnum() else "_" for letter in person)
+        name = name if Sdf.Path.IsValidIdentifier(name) else f"_{name}"
+        while name in ("Cameras", "Tracking", *names.values()):
+            name += "_"
+        names[person] = name
+    return names
 
 
 def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:
@@ -222,7 +244,7 @@ def export_point_cache(result: Result, path: str | Path) -> None:
 
     A frame of a body of 13,000 vertices takes 160 KB. The path ends in ``.usd``, ``.usda``, ``.usdc`` or ``.usdz``.
     """
-    stage = _new_world(result.cameras.up)
+    stage = new_world(result.cameras.up)
     skin = result.subject.body.skin
     mesh = UsdGeom.Mesh.Define(stage, f"/World/{result.subject.body.name}")
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray(len(skin.face), skin.face.shape[1]))

@@ -11,14 +11,11 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.footage.made_recording import Recording
 
-APART = 0.7
-"""How near people's roots come to each other at the nearest [m]: shoulders then pass a hand's width apart."""
-
 _STEP = 0.02  # between the radii that are tried [m]
 _NEIGHBOURS = 4  # vertices about a pixel, the nearest of which says how deep the skin is there
 
 
-def places(ways: Sequence[np.ndarray], apart: float = APART) -> np.ndarray:
+def places(ways: Sequence[np.ndarray], apart: float) -> np.ndarray:
     """(person, 2), shifts of ways (frame, 2) on the floor with which people meet in the middle of the clip [m].
 
     They are on a circle about the origin then, on the smallest that keeps them ``apart`` in all frames.
@@ -51,12 +48,9 @@ class Together:
     @classmethod
     def of(cls, recordings: Sequence[Recording], shifts: np.ndarray) -> Together:
         """People who are elsewhere than in their recordings by ``shifts`` (person, 2) [m]."""
-        moved = []
-        for recording, shift in zip(recordings, shifts, strict=True):
-            poses = recording.poses.copy()
-            poses[:, :2] += shift
-            moved.append(replace(recording, poses=poses))
-        return cls(tuple(moved))
+        pairs = zip(recordings, shifts, strict=True)
+        moved = [(each, np.column_stack([each.poses[:, :2] + shift, each.poses[:, 2:]])) for each, shift in pairs]
+        return cls(tuple(replace(each, poses=poses) for each, poses in moved))
 
     @property
     def fps(self) -> float:

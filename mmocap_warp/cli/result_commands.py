@@ -195,7 +195,7 @@ def _measures(provenance: dict[str, str | float | int]) -> str:
     size, frames = f"{float(provenance[f'body.{measure}']):.2f} m {adjective}", provenance["fit.frames"]
     of_size = 1000 * float(provenance[f"body.{measure}.sigma"])
     if of_size == 0:
-        return f"{size}, as given"
+        return f"{size}, as given; seen in {frames} frames"
     sigma = [1000 * float(value) for name, value in provenance.items() if re.fullmatch(r"body\.bone\..*\.sigma", name)]
     bones = f", its bones to {min(sigma):.0f}-{max(sigma):.0f} mm" if sigma else ""
     return f"{size}, known to {of_size:.0f} mm{bones}, from {frames} frames"

@@ -130,8 +130,7 @@ def fit_clip(
     best, others = _first_frame(task, first)
     verdict = _verdict(best, others)
     close = [other for other in others.values() if other.cost < best.cost + _CLEAR_MARGIN]
-    # Of a known body that is seen in one way, the clip has nothing to tell.
-    clip = [first] if task.body.rigid and not close else [first, *observations]
+    clip = [first, *observations]
     # Motion decides between ways to see the first frame that are nearly as good.
     ways = [_with_clip_body(task, clip, fps, task.subject(guess, verdict)) for guess in (best, *close)]
     (subject, cost), *others_in_clip = sorted(ways, key=lambda way: way[1])

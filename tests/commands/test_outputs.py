@@ -126,6 +126,8 @@ def test_all_of_a_result_is_drawn_unless_it_is_there(tmp_path: Path, monkeypatch
     drawn: list[str] = []
     for name in ("show", "view"):
         monkeypatch.setattr(show, name, lambda result, output, **named: drawn.append(output.name) or output.touch())
+    monkeypatch.setattr(show, "results_in", lambda result: {})
+    (tmp_path / "r.usdc").touch()
     for force, made in ((False, ["r.webm", "r.html"]), (False, []), (True, ["r.webm", "r.html"])):
         drawn.clear()
         files = show.show_all(tmp_path / "r.usdc", Reporter(), force)

@@ -143,7 +143,8 @@ class StudyFigures:
         if len(eight) < len(rows):
             raise ValueError("our own trackers were tracked again: say so on the page")
         devices = " and ".join(sorted({row["device"] for row in eight}))
-        return f"{len(eight)} cells with 3000 evaluations and 28 degrees of freedom (241469fc, 25 November, {devices})"
+        commits = "241469fc, PSO on S1/Walking and S3/Box 37f59d9c"
+        return f"{len(eight)} cells with 3000 evaluations and 28 degrees of freedom ({commits}, 25 November, {devices})"
 
     def not_run(self) -> str:
         """A sentence on the eight's missing cells, all with 3000 evaluations and 28 degrees of freedom."""

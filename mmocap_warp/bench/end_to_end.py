@@ -1,7 +1,5 @@
 """The shipped walk from its mask files to a result, in stages, and how that grows: what a user waits for."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Many recordings, each through the same steps: ``mmocap batch``."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

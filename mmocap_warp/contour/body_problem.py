@@ -1,7 +1,5 @@
 """A body from several frames: its parameters and the frames' poses as one least-squares problem."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

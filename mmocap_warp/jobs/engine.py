@@ -1,7 +1,5 @@
 """An engine: workers that are given jobs, and the events that they report."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

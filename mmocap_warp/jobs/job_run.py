@@ -1,7 +1,5 @@
 """A run of many jobs: what is missing is given to workers, what they finish is stored."""
 
-from __future__ import annotations
-
 import math
 import time
 from abc import ABC, abstractmethod

@@ -1,7 +1,5 @@
 """This machine's devices, a process each."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

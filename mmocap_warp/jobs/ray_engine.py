@@ -1,7 +1,5 @@
 """A Ray cluster: an actor per GPU, or per share of one, on any of its machines."""
 
-from __future__ import annotations
-
 import logging
 import math
 import os

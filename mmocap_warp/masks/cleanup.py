@@ -1,7 +1,5 @@
 """Cleaning a mask: specks, thin gaps, small holes, and components that are not the subject."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

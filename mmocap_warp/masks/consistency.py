@@ -4,8 +4,6 @@ A view's *excess* is the part of its mask outside of the hull of the others. A p
 others, and lies where these excesses meet. A part that only one view has is an excess that meets no other.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Frames of a camera, read in order: a folder of numbered images or a video."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Views that see the same solid body agree: each mask lies within what the others'
 holds the body's volume. A mask that lacks a part takes it from the hull, so that the others are no longer explained.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ a folder for their masks; both have the camera's name. For each frame it writes 
 size, as PNG. Masks that are there already were made by an earlier run: it may leave these frames out.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """How masks are made, as the scene's [foreground] table says."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 MODELS: tuple[str, ...] = ("gaussian", "mog2", "knn")

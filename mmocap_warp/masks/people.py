@@ -3,8 +3,6 @@
 So labels may be swapped between views and frames, and a view may show two people as one.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from itertools import count
 

@@ -4,8 +4,6 @@ A subject who stands still has equal masks too. What tells a repeated image is t
 again and again in a pattern, or with a leap to where the subject has moved meanwhile.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

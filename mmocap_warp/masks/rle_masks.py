@@ -1,7 +1,5 @@
 """Masks as run lengths in a JSON file, as pycocotools, SAM and video instance segmentation write them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ by voxels that are drawn into its image (``silhouette_agreement.coherence``):
   loses; the other two leave such a point to the views that could see it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import cv2

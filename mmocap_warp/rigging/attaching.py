@@ -4,8 +4,6 @@ A thing is a further joint with a mesh that follows it alone. What is free in sp
 on it one that turns. It has its own size, whatever the body's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from difflib import get_close_matches

@@ -1,7 +1,5 @@
 """Coarsen a closed mesh while keeping its own vertices, so that what is stored per vertex carries over."""
 
-from __future__ import annotations
-
 import heapq
 
 import numpy as np

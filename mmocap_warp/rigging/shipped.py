@@ -3,8 +3,6 @@
 By how much a body's stated standard deviations are too large or too small was learned on made people.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

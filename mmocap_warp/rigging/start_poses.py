@@ -3,8 +3,6 @@
 A recording may start in a frame of a motion that came with the body, or in a pose of a TOML file of angles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path

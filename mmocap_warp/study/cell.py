@@ -1,7 +1,5 @@
 """A cell of the study's grid and its result, and the result as one file."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

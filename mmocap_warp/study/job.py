@@ -1,7 +1,5 @@
 """A cell as work: what a worker is given, and how it is tracked."""
 
-from __future__ import annotations
-
 import re
 import socket
 import time

@@ -1,7 +1,5 @@
 """Where the tracked body is seen, which decides what ``keep = "nearest"`` keeps of the masks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np

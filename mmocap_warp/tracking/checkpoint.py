@@ -3,8 +3,6 @@
 A checkpoint says all that the run's bits depend on, so that it is never continued as another run's, and it is said why.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -15,8 +15,6 @@ A view that was taken a fraction of a frame off the others sees, for the contour
 pose. The search and the overlaps that judge an answer do without that.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 A pose is a compromise between views that disagree, so each view is asked by itself, over a wide reach.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import islice

@@ -1,7 +1,5 @@
 """What a tracking run's settings make of a subject and cameras: limits, an objective, a fitter of contours."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

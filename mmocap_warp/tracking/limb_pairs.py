@@ -1,7 +1,5 @@
 """A skeleton's limbs: the parts on which no other hangs; and poses with left and right exchanged."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import combinations
 

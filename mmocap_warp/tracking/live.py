@@ -3,8 +3,6 @@
 :class:`LiveTracker` also answers at once, and leaves solving to a process beside, so that no frame waits for it.
 """
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import os

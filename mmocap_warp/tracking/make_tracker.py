@@ -5,8 +5,6 @@ made, and what is too large is refused. The estimate counts what grows with the 
 runs; it may be a third off.
 """
 
-from __future__ import annotations
-
 import bisect
 from dataclasses import replace
 from typing import Any

@@ -6,8 +6,6 @@ directions of time until the pose is the known one again. Each frame takes the b
 and the span is smoothed as a clip of its own, in which the frames around it are held.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

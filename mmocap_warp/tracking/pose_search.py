@@ -1,7 +1,5 @@
 """A search for poses around the last ones: its parts, objective, optimizers and random numbers, for a batch of runs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Where a body that was lost may be: poses that the contour tracker starts from to find it again."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

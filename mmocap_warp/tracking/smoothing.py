@@ -5,8 +5,6 @@ frames around it (:class:`ClipProblem`), where a second opinion from following t
 (:class:`BackwardPass`). Then its standard deviations and its overlap with the masks are computed.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace

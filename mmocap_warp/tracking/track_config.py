@@ -1,7 +1,5 @@
 """The settings of a tracking run, checked, and the search radii that follow from them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

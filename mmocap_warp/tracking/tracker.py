@@ -1,7 +1,5 @@
 """A frame's step: an observation in, poses out, one frame's answer starting the next."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace

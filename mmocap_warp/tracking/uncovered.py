@@ -6,8 +6,6 @@ alone shows may be a fault of its mask, unless it is as large as a hand. Views t
 body, somebody who passes by or a chest, do not count.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -8,8 +8,6 @@ This ranks the lags of one view, because the others' hull is the same at all of 
 camera agrees with the others; it counts pixels that the hull leaves uncovered.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

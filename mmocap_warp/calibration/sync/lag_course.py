@@ -1,7 +1,5 @@
 """How a view's lag changes in the course of a recording: a dropped frame is a jump, another frame rate a slope."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

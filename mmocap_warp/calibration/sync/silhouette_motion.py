@@ -6,8 +6,6 @@ relative height. Two views have a common time where some combination of one view
 combination of the other's; see :mod:`mmocap_warp.calibration.sync.shared_motion`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 _ENDS = (0.01, 0.99)  # quantiles of the foreground that bound the silhouette: beyond them specks may lie

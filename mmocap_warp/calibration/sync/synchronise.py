@@ -1,7 +1,5 @@
 """Which frames of a scene's cameras were taken at the same time, from the silhouettes alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import mode

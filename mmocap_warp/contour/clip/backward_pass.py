@@ -7,8 +7,6 @@ masks, such as crossed arms, may be wrong in all frames alike: they are fitted o
 away and soon back may have gone straight on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -1,7 +1,5 @@
 """All poses of a clip as one least-squares problem: what the contours say, and a penalty on accelerations."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

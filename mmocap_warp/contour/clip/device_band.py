@@ -1,7 +1,5 @@
 """A clip's damped steps and its deviations on a GPU, for which the host would take longer than for all the rest."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Points that ride on the joints: their accelerations measure how a body moves, in metres and for any skeleton."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from mmocap_warp.body.rotations import applied, transposed, turn

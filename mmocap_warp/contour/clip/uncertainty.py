@@ -5,8 +5,6 @@ the same in all frames, and no number of frames averages it out: the body's shap
 pose, which no outline shows, and cameras that disagree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A rise within the noise of matching is allowed. Without that, bodies got stuck f
 ``scenes/walk`` hips stayed 21 mm off, and with it 4 mm.
 """
 
-from __future__ import annotations
-
 from typing import Protocol, TypeVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Signed distances to the contours of masks: how far, and which way, an outline is from where it should be."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

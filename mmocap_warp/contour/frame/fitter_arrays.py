@@ -1,7 +1,5 @@
 """The larger structs that a fitter of contours keeps on the device, each made once."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Skinned characters in glTF 2.0: ``.glb``, and ``.gltf`` with its buffers inside or beside it."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

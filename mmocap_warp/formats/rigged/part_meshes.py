@@ -1,7 +1,5 @@
 """Meshes of a robot's parts as triangles: ``.stl``, ``.obj``, ``.ply``, ``.dae``; files that they name stay closed."""
 
-from __future__ import annotations
-
 import io
 import struct
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """A character or a robot as its file has it: joints, where they are bound, skin that follows them, and motions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Robots in URDF: links as rigid parts, joints that turn or slide. Meshes are read by trimesh, boxes and such made."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Skinned characters in USD: a UsdSkel skeleton, meshes bound to it, its animation, limits of physics joints."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 Files repeat a vertex wherever colours or normals change: skin is welded first.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import permutations, repeat
 from typing import NamedTuple

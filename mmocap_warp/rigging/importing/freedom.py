@@ -1,7 +1,5 @@
 """How an imported joint moves: as its file says, or as bones and skin suggest."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 from itertools import pairwise

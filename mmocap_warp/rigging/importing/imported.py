@@ -1,7 +1,5 @@
 """A :class:`BodyModel` of a rigged character or robot, with its motions and what was done to get there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The joint tree of a rigged mesh: one root, names that USD takes, chains, and which joints mirror each other."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Container
 from dataclasses import replace

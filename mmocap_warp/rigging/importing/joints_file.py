@@ -1,7 +1,5 @@
 """How joints move, as a short TOML file that people edit: written from what was found, read in its place."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """An import proves itself: the body's outline beside the file's own skin, and its joints beside the file's motions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdSkel
+from pxr import Sdf, Usd, UsdSkel
 from synthetic import synthetic_result
 
 from mmocap_warp.cli import console, main
@@ -58,6 +58,17 @@ def test_a_file_that_is_away_is_named(people, tmp_path):
     alone.write_bytes(people.read_bytes())
     assert any("both.anna.usdc" in line for line in faults(alone))
     assert main(["eval", str(alone)]) == console.BAD_INPUT
+
+
+@pytest.mark.parametrize("elsewhere", ["../other.usdc", "/tmp/other.usdc", "./..", "both.anna.usdc"])
+def test_files_that_do_not_lie_beside_it_are_refused(people, tmp_path, elsewhere, capsys):
+    stage = Usd.Stage.CreateNew(str(tmp_path / "bad.usda"))
+    world = stage.DefinePrim("/World", "Xform")
+    world.CreateAttribute("mmocap:people", Sdf.ValueTypeNames.StringArray).Set(["anna"])
+    world.CreateAttribute("mmocap:results", Sdf.ValueTypeNames.StringArray).Set([elsewhere])
+    stage.Save()
+    assert main(["eval", str(tmp_path / "bad.usda")]) == console.BAD_INPUT
+    assert "do not lie beside it" in capsys.readouterr().err
 
 
 def test_eval_judges_each(people, capsys):

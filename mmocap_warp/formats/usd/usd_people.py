@@ -7,7 +7,6 @@ Layout::
     /World/Cameras   the cameras of the first
 """
 
-import os
 from pathlib import Path
 
 from pxr import Sdf, Usd
@@ -20,13 +19,13 @@ _REMEDY = "track the people again"
 
 
 def write_people(path: Path, people: dict[str, tuple[Path, Result]]) -> None:
-    """Write what refers to the files of people's results, by the people's names.
+    """Write what refers to the files of people's results, which lie beside it, by the people's names.
 
     Raises:
         InputError: a file that cannot be written.
     """
     (_, first), *_ = people.values()
-    files = {name: f"./{os.path.relpath(file, path.parent)}" for name, (file, _) in people.items()}
+    files = {name: f"./{file.name}" for name, (file, _) in people.items()}
     stage = new_world(first.cameras.up)
     usd_file.author(stage.GetDefaultPrim(), PEOPLE, list(files))
     usd_file.author(stage.GetDefaultPrim(), "mmocap:results", list(files.values()))
@@ -59,4 +58,7 @@ def results_of(stage: Usd.Stage, path: str | Path) -> dict[str, Path]:
     read = usd_file.PrimReader(stage.GetPrimAtPath("/World"), path, _REMEDY)
     names, files = read.texts(PEOPLE), read.texts("mmocap:results")
     read.require(bool(names) and len(names) == len(files), "people and their files are not as many")
-    return {name: Path(path).parent / file for name, file in zip(names, files, strict=True)}
+    own = [Path(file).name for file in files]
+    beside = [f"./{name}" for name in own] == files and not {"", ".."} & {*own}
+    read.require(beside, "people's files do not lie beside it")
+    return {name: Path(path).parent / file for name, file in zip(names, own, strict=True)}

@@ -17,6 +17,7 @@ from mmocap_warp.device.resolve import device_kind, resolve_device, start_quietl
 from mmocap_warp.jobs.engine import LESS_MEMORY, Death, Engine, EngineLost, MakeWorker, Ready, Seat, one_line
 
 _GRACE = 5.0  # time that a worker has to end [s]
+_WAITS = 0.0, 0.1, 1.0, 5.0  # before each attempt to start a worker [s]
 
 
 def local_devices(wanted: str) -> list[str]:
@@ -92,12 +93,8 @@ class LocalEngine(Engine):
 
     def _start(self, place: str) -> Seat:
         mine, its = self._context.Pipe()
-        for seconds in (
-            0.0,
-            0.1,
-            1.0,
-            5.0,
-        ):  # what forks may be about to die of a kill; then another one takes its place
+        # What forks may be about to die of a kill; then another one takes its place.
+        for seconds in _WAITS:
             time.sleep(seconds)
             process = self._context.Process(target=self._serve, args=(its, place, self._threads), daemon=True)
             with suppress(EOFError, OSError):

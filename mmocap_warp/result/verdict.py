@@ -20,6 +20,7 @@ _FEW_VIEWS = 3  # up to which any disagreement is too much: the body gives way t
 _HOLDING_SHARE = 0.5  # of the cameras that must agree with the body: where fewer do, none of them holds it
 _NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one that is wrong
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
+_MOST_IN_DOUBT = 0.5  # of the body's parts: a frame with more of them in doubt is not trusted, whatever its status
 _MIN_VIEWS = 2  # views that must see somebody in a frame
 _SHOWN_RANGES = 4  # ranges of frames that are listed
 
@@ -28,9 +29,9 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     """How far a result's best run is to be trusted.
 
     ``frames`` counts those that show anything new, and ``trusted`` those of them that are ``tracked`` or ``rescued``,
-    or ``partial`` with no part of the body in doubt, in two views or more. None is where a camera is over 35 mm off,
-    15 of three or where most are, or where there is a ``problem``: masks and calibration fit no body, and were trusted
-    all the same.
+    or ``partial`` with no part of the body in doubt, in two views or more, with at most half of the body in doubt. None
+    is where a camera is over 35 mm off, 15 of three or where most are, or where there is a ``problem``: masks and
+    calibration fit no body, and were trusted all the same.
     ``holds`` says whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over 100 mm
     off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how many
     frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while the
@@ -46,6 +47,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         unsure = np.linalg.norm(result.joint_sigma[best], axis=-1) > _MAX_SIGMA * size
         doubt = np.stack([unsure[:, np.equal(skeleton.part, i)].any(axis=1) for i in range(doubt.shape[1])], axis=1)
     good = np.isin(status, ("tracked", "rescued")) | ((status == "partial") & ~doubt.any(axis=1))
+    good &= doubt.mean(axis=1) <= _MOST_IN_DOUBT
     good &= np.isfinite(result.iou[best]).sum(axis=1) >= _MIN_VIEWS
     # Cameras, in the middle of these frames.
     cameras: dict[str, float] = {}

@@ -100,6 +100,14 @@ def test_parts_in_doubt_are_named_with_their_frames():
     assert told["trusted"] == FRAMES - 1  # a partial frame is trusted if all that it lacks is a view
 
 
+def test_a_frame_with_most_of_the_body_in_doubt_is_not_trusted_whatever_its_status():
+    sigma = far()
+    sigma[0, :4] = 0.1
+    told = judged(joint_sigma=sigma)
+    assert len(told["parts"]) == len(SKELETON.parts)
+    assert told["trusted"] == FRAMES - 4
+
+
 def test_what_was_trusted_against_the_first_look_is_not_trusted():
     told = judged(config={"trusted_cameras": "cam02: pictures are mirrored"}, joint_sigma=far(1))
     assert not told["holds"]

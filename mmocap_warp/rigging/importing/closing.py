@@ -163,6 +163,8 @@ def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh | None:
         made = [_with_own_vertices(vertex, each) for each in made]
     changed = sum(bool(part.done) for part in made)
     done = f"{len(made)} pieces, of which {changed} were closed or wrapped in new surfaces"
+    if len(made) == 1:
+        done = made[0].done or "one piece"
     left_out = f"; {len(parts) - len(shown)} small ones left out" if len(shown) < len(parts) else ""
     return joined_meshes(made, len(vertex), done + left_out)
 

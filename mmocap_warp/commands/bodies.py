@@ -89,7 +89,7 @@ def import_body(
         force: replace files that exist, and write a body that the file's own motions contradict.
 
     Returns:
-        The body, its motions, and notes of what was done to it. Nothing is written where it has a ``fault`` and
+        The body, its motions, and notes of what was done to it. No body is written where it has a ``fault`` and
         ``force`` is not set. A picture stands beside the body where its tracking mesh differs from the file's skin.
 
     Raises:

@@ -4,7 +4,7 @@ Files repeat a vertex wherever colours or normals change: skin is welded first.
 """
 
 from dataclasses import replace
-from itertools import permutations, repeat
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -145,8 +145,7 @@ def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh | None:
     A silhouette is that of the pieces' union. A wrap of the whole would join legs and fill armpits. None where there
     are too many pieces, or none that can be seen.
     """
-    whole = _filled(vertex, face) if len(face) <= MOST_TRIANGLES else f"it has {len(face)} triangles"
-    if not isinstance(whole, str):
+    if len(face) <= MOST_TRIANGLES and isinstance(whole := _filled(vertex, face), ClosedMesh):
         return whole
     edge = mesh_edges(face)
     piece = _pieces(edge[:, 0], edge[:, 1], len(vertex))[face[:, 0]]
@@ -155,11 +154,17 @@ def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh | None:
     shown = [part for part in parts if _extent(vertex, part) >= _SMALLEST_PIECE * extent]
     if not 0 < len(shown) <= _MOST_PIECES:
         return None
-    # Where three triangles meet at an edge, as a collar does on a shirt, each sheet is closed by itself.
-    sheets = [s for part in shown for s in ([part] if isinstance(_filled(vertex, part), ClosedMesh) else _sheets(part))]
-    cells = [max(_PIECE_CELLS, round(_WHOLE_CELLS * _extent(vertex, sheet) / extent)) for sheet in sheets]
-    made = [closed(vertex, *each) for each in zip(sheets, repeat(_PIECE_TRIANGLES), cells, strict=False)]
-    if len(sheets) > len(shown):
+    made: list[ClosedMesh] = []
+    for part in shown:
+        filled = _filled(vertex, part)
+        if isinstance(filled, ClosedMesh) and len(part) <= _PIECE_TRIANGLES:
+            made.append(filled)
+            continue
+        # Where three triangles meet at an edge, as a collar does on a shirt, each sheet is closed by itself.
+        for sheet in [part] if isinstance(filled, ClosedMesh) else _sheets(part):
+            cells = max(_PIECE_CELLS, round(_WHOLE_CELLS * _extent(vertex, sheet) / extent))
+            made.append(closed(vertex, sheet, _PIECE_TRIANGLES, cells))
+    if len(made) > len(shown):
         made = [_with_own_vertices(vertex, each) for each in made]
     changed = sum(bool(part.done) for part in made)
     done = f"{len(made)} pieces, of which {changed} were closed or wrapped in new surfaces"

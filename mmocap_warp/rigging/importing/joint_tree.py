@@ -97,8 +97,8 @@ def with_moving_parents(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMe
         notes.append(f"{mesh.joints[joint]} moves with {mesh.joints[holder]}{was}: hung on it")
         parent[joint] = holder
     # A root that stays behind is no part of the body.
-    influence, on_trunk = mesh.influence, [joint for joint, above in enumerate(parent) if above == trunk]
-    shown = [joint for joint in on_trunk if skin[joint] > 0]
+    influence = mesh.influence
+    shown = [joint for joint, above in enumerate(parent) if above == trunk and skin[joint] > 0]
     if len(shown) == 1 and _strays(world, shown[0])[:, trunk].max() >= limit:
         influence = np.where(influence == trunk, shown[0], influence)
     return reorder(replace(mesh, parent=tuple(parent), influence=influence, notes=tuple(notes)))

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, BodyMotion, Subject
 from mmocap_warp.body.posing import skin_positions
+from mmocap_warp.cameras.silhouette import intersection_over_union, silhouette
 from mmocap_warp.device.resolve import start_quietly
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 
@@ -50,12 +50,12 @@ def worst_outline(body: BodyModel, mesh: RiggedMesh, motions: Mapping[str, BodyM
         for view, axes in _VIEWS.items():
             low, high = (end([skin.min(axis=0), skin.max(axis=0)], axis=0) for end in (np.min, np.max))
             scale = _SIDE / max(float(np.max(high - low)), 1e-9)
-            across, up = (np.ceil(scale * (high - low)[list(axes)]).astype(int) + 2 * _MARGIN).tolist()
+            width, height = (np.ceil(scale * (high - low)[list(axes)]).astype(int) + 2 * _MARGIN).tolist()
             own, other = (
-                _filled((points - low)[:, list(axes)] * scale, face, (up, across))
-                for points, face in ((skin, mesh.face), (posed.astype(float), body.tracking_face))
+                silhouette((points - low)[:, list(axes)] * scale + _MARGIN, face, (width, height)) > 0
+                for points, face in ((skin, mesh.face), (posed, body.tracking_face))
             )
-            overlap = float((own & other).sum() / max(float((own | other).sum()), 1.0))
+            overlap = intersection_over_union(own, other)
             views.append(Outline(overlap, f"{when} from {view}", _compared(own, other)))
     return min(views, key=lambda outline: outline.overlap)
 
@@ -75,14 +75,6 @@ def _skinned(mesh: RiggedMesh, world: np.ndarray) -> np.ndarray:
     for joint, weight in zip(mesh.influence.T, share.T, strict=True):
         posed += weight[:, None] * np.einsum("vab,vb->va", moved[joint, :3], at)
     return posed
-
-
-def _filled(points: np.ndarray, face: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """What triangles over points (n, 2) in pixels cover: a picture of a shape, with a margin."""
-    image = np.zeros(shape, np.uint8)
-    for corners in np.rint(points[face] + _MARGIN).astype(np.int32):
-        cv2.fillConvexPoly(image, corners, 1)
-    return image > 0
 
 
 def _compared(own: np.ndarray, other: np.ndarray) -> np.ndarray:

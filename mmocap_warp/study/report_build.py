@@ -99,10 +99,11 @@ def _controls(study: StudySummary) -> Html:
         ("budget", "Evaluations per frame"): {budget: f"{budget:,}" for budget in study.budgets},
         ("sequence", "Sequence"): {name: name for name in study.sequences},
     }
-    options = {
-        kind: [fill("option", value=value, label=label) for value, label in kinds[kind].items()] for kind in kinds
-    }
-    return Html("".join(fill("control", title=kind[1], name=kind[0], options=options[kind]) for kind in kinds))
+    lists = ""
+    for (name, title), labels in kinds.items():
+        options = [fill("option", value=value, label=label) for value, label in labels.items()]
+        lists += fill("control", title=title, name=name, options=options)
+    return Html(lists)
 
 
 def csv_table(study: StudySummary) -> str:

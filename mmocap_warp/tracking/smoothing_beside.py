@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from queue import SimpleQueue
 from threading import Condition
 from time import perf_counter
@@ -74,10 +75,14 @@ class SmoothingBeside:
 
     def _masks(self) -> Iterator[Observation]:
         """The masks of each frame, once the frame after it is tracked too: late views ask where the body goes."""
-        frames, last = iter(self._kept), len(self._room.frame_numbers) - 1
-        for frame in range(last + 1):
+        frames, total = iter(self._kept), len(self._room.frame_numbers)
+        for known in (*range(2, total + 1), total):
             with self._changed:
-                self._changed.wait_for(lambda known=min(frame + 2, last + 1): self._stopped or self._count >= known)
+                self._changed.wait_for(partial(self._reaches, known))
             if self._stopped:
                 raise InterruptedError
             yield next(frames)
+
+    def _reaches(self, count: int) -> bool:
+        """Whether so many frames are tracked, or no more will be."""
+        return self._stopped or self._count >= count

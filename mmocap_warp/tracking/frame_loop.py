@@ -232,8 +232,10 @@ def _finished(
         return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if numbers else seen
 
     if config.acceleration:
-        known = beside and not repeated.any()
-        result = beside.of(result, progress) if known else smoothed(result, config, shown(), progress)
+        if beside and not repeated.any():
+            result = beside.of(result, progress)
+        else:
+            result = smoothed(result, config, shown(), progress)
         gc.collect()  # what was smoothed holds itself, and with it the fields of a window
     return with_evidence(result, config, shown())
 

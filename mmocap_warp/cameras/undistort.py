@@ -26,6 +26,10 @@ class Undistortion:
     position: np.ndarray  # OpenCV's fixed-point map of the samples
     fraction: np.ndarray  # its fractional part
 
+    def _keeps(self, image: np.ndarray) -> bool:
+        """Whether resampling leaves an image as it is."""
+        return self._keeps_pixels and image.shape[:2] == self.fraction.shape and self.oversampling == 1
+
     @cached_property
     def _keeps_pixels(self) -> bool:
         """Whether the samples are the pixels of an image of the map's size, as of a lens without distortion."""
@@ -36,7 +40,7 @@ class Undistortion:
 
     def image(self, image: np.ndarray) -> np.ndarray:
         """Resample a gray or BGR image; what lies outside the recorded image is black."""
-        if self._keeps_pixels and image.shape[:2] == self.fraction.shape and self.oversampling == 1:
+        if self._keeps(image):
             return image.copy()
         return self._part(image, slice(None), slice(None))
 
@@ -51,6 +55,8 @@ class Undistortion:
 
     def mask(self, mask: np.ndarray) -> np.ndarray:
         """Resample a boolean mask: a pixel is foreground if more than half of it is."""
+        if self._keeps(mask):
+            return mask
         n, box = self.oversampling, cv2.boundingRect(mask.view(np.uint8))
         resampled = np.zeros([length // n for length in self.fraction.shape], bool)
         # Foreground is where samples lie in the box around what was foreground, or beside it.

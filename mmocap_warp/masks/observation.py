@@ -66,7 +66,7 @@ class Observation:
             near = [_meet(mask, other) for mask, other in zip(masks, hidden, strict=True)]
             covered = pack_masks([other & meets for other, meets in zip(hidden, near, strict=True)]) & ~words
             covered = covered if any(near) else None
-        return cls(words, np.array([int(mask.sum()) for mask in masks], np.int64), late, covered)
+        return cls(words, np.array([np.count_nonzero(mask) for mask in masks], np.int64), late, covered)
 
     @property
     def possible(self) -> np.ndarray:

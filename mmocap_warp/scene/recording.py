@@ -267,7 +267,8 @@ class Scene:
                 if frame not in followed:
                     continue
                 last = kept if body is None else body()
-                kept = list(pool.map(keep, (mask for mask, _ in seen), empty, range(len(empty))))
+                masks = (mask for mask, _ in seen)
+                kept = list((map if self.foreground.keep == "all" else pool.map)(keep, masks, empty, range(len(empty))))
                 if frame in wanted:
                     repaired = repair_masks(rig, kept, pool.map) if self.foreground.repair else kept
                     yield repaired, [in_front for _, in_front in seen]

@@ -197,7 +197,7 @@ def track(
             # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk
             # had no room for, are read again.
             def masks() -> Iterable[Observation]:
-                return read_ahead(kept if complete else tracked_observations(scene, result))
+                return kept if complete else tracked_observations(scene, result)
 
             return _finished(result, config, masks, smooth_progress, beside if complete else None)
 
@@ -214,7 +214,7 @@ def _finished(
     A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen. What smoothed the
     track ``beside`` knew of neither: it holds where there are none.
     """
-    repeated = repeated_views(masks())
+    repeated = repeated_views(read_ahead(masks()))
     at_once = np.logical_and.reduce(repeated, axis=1)
     frozen = repeated & ~at_once[:, None]
     status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
@@ -228,7 +228,7 @@ def _finished(
     silhouettes_of, raw = body_silhouettes(result.subject, result.cameras), result.pose
 
     def shown() -> Iterable[Observation]:
-        seen = with_holes(masks(), result.rate, lambda place: silhouettes_of(raw[:, place - 1]))
+        seen = read_ahead(with_holes(masks(), result.rate, lambda place: silhouettes_of(raw[:, place - 1])))
         return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if numbers else seen
 
     if config.acceleration:

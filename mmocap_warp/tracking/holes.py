@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from mmocap_warp.masks.cleanup import around
 from mmocap_warp.masks.observation import Observation, pack_masks, unpack_masks
 from mmocap_warp.scene.recording import ViewMasks
 
@@ -91,7 +92,10 @@ def _opened(before: Observation, seen: Observation, place: int, rate: float, bod
         vanished = int(np.bitwise_count(gone).sum())
         if smaller[k] < _SMALLER * vanished:
             continue
-        deep = cv2.distanceTransform(_unpacked(gone).view(np.uint8), cv2.DIST_L2, 5) > radius
+        # Around what is gone nothing is: the box around it and a pixel more has all distances.
+        pixels = _unpacked(gone).view(np.uint8)
+        deep, box = np.zeros(pixels.shape, bool), around(pixels, 1)
+        deep[box] = cv2.distanceTransform(pixels[box], cv2.DIST_L2, 5) > radius
         if deep.any():
             silhouette = body(place)[k]
             deep = deep[: len(silhouette), : silhouette.shape[1]] & silhouette

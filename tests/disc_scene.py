@@ -35,7 +35,7 @@ def write_scene(folder: Path, source: str = "masks", late: int = 0, rig: CameraR
     write_toml_rig(folder / "calibration.toml", rig)
     plate = np.random.default_rng(0).integers(90, 110, (*SIZE[::-1], 3), np.uint8)
     cv2.imwrite(str(folder / "plate.png"), plate)
-    lines = ["[scene]", "fps = 30", 'up = "+y"', "[truth]", 'file = "truth.trc"', 'axes = "zxy"']
+    lines = ["[scene]", "fps = 30", 'up = "+y"', "[truth]", 'file = "truth.trc"', 'axes = "zxy"', "first_frame = 2"]
     lines += ["[cameras]", 'calibration = "calibration.toml"']
     (folder / "truth.trc").touch()
     for k, name in enumerate(rig.names):

@@ -198,7 +198,7 @@ def truth_of(scene: Scene | None) -> Truth | None:
         return None
     from mmocap_warp.formats.truth_file import load_truth
 
-    return load_truth(scene.truth, scene.truth_axes)
+    return load_truth(scene.truth, scene.truth_axes, scene.truth_first_frame)
 
 
 def _others(scene: Scene, source: CameraSource) -> str | None:

@@ -24,11 +24,11 @@ from mmocap_warp.result.truth import Truth
 def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Truth:
     """Read the truth of a recording: the project's own USD, or joints from a ``.trc`` file.
 
-    Of a ``.trc``, ``axes`` says which of its axes are the world's x, y and z, and ``first_frame`` is the recording's
-    frame number of its first row.
+    Of a ``.trc``, ``axes`` says which of its axes are the world's x, y and z, and ``first_frame`` is the number of its
+    first row, counted at its rate from the recording's start.
 
     Raises:
-        InputError: a missing or wrong file, or axes for one that is in the world's own.
+        InputError: a missing or wrong file, or axes or a first frame for one that is in the world's own.
     """
     path = Path(path)
     if path.suffix == ".trc":
@@ -39,8 +39,8 @@ def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Tru
         except ValueError as error:
             raise InputError(path, str(error), "export it again") from error
     if path.suffix in usd_file.USD_SUFFIXES:
-        if axes != "xyz":
-            raise InputError(path, f"cannot have axes = {axes!r}", "leave the axes out; only a .trc file needs them")
+        if axes != "xyz" or first_frame:
+            raise InputError(path, f"cannot have axes = {axes!r} or a first_frame", "leave both out; a .trc needs them")
         return read_truth(path)
     raise InputError(path, f"has the ending {path.suffix!r}, which no truth has", "give a .usda, .usdc or .trc file")
 

@@ -36,11 +36,10 @@ def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | N
 
     Without truth: ``frames``, ``runs``, the frames in which some run is ``lost``, ``partial``, ``rescued``,
     ``interpolated`` or ``repeated``, ``evaluations`` (all runs), ``evaluations_per_second``, ``mean_cost``,
-    ``mean_iou``, ``worst_iou``
-    (the lowest mean over views of a frame, over runs) and its ``worst_iou_frame``, ``iou_by_camera``, ``shake_mm``
-    (median second difference of the joints over consecutive frames, as at 60 Hz), ``per_run`` and ``series`` (per run
-    and frame). Where the result has standard deviations, their medians over frames and runs: ``sigma_mm_by_joint`` (the
-    length of a joint's three), ``sigma_deg_by_angle`` and, where joints slide, ``sigma_mm_by_shift``.
+    ``mean_iou``, ``worst_iou`` (the lowest mean over views of a frame, over runs) and its ``worst_iou_frame``,
+    ``iou_by_camera``, ``shake_mm`` (median second difference of the joints over consecutive frames, as at 60 Hz),
+    ``per_run`` and ``series`` (per run and frame). Of standard deviations, the medians over frames and runs:
+    ``sigma_mm_by_joint`` (of the lengths), ``sigma_deg_by_angle`` and, of joints that slide, ``sigma_mm_by_shift``.
 
     With truth also, over the frames that have it at their time: ``truth_frames``; over the joints of the skeleton's
     ``evaluation_groups``, of a person the limbs' twelve, at the places that ``joint_set`` gives them: ``mpjpe_mm``
@@ -73,8 +72,7 @@ def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | N
         InputError: truth that shares no frame, or neither markers nor joints, with the result, or has fewer frames a
             second.
     """
-    joints = result.joints()
-    points = _Points(result, joint_set, joints)
+    points = _Points(result, joint_set, result.joints())
     joints = points.as_joints
     series = {"cost": result.cost, "iou": nanmean(result.iou, axis=2)}
     report = _overlap(result, series["iou"])
@@ -148,8 +146,7 @@ def _overlap(result: Result, iou: np.ndarray) -> _Report:
 
 def iou_by_camera(result: Result) -> dict[str, float | None]:
     """Mean overlap of each camera over all frames and runs; None where it sees nobody."""
-    means: dict = _jsonable(dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)), strict=True)))
-    return means
+    return dict(_jsonable(dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)), strict=True))))
 
 
 def _sigmas(result: Result) -> _Report:
@@ -285,12 +282,10 @@ def _jsonable(value: Any) -> Any:
     """Arrays become lists, and what JSON cannot say (NaN, infinity) becomes None."""
     if isinstance(value, dict):
         return {key: _jsonable(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return _jsonable(value.tolist())
     if isinstance(value, list):
         return [_jsonable(item) for item in value]
-    if isinstance(value, np.generic):
-        return _jsonable(value.item())
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value

@@ -153,7 +153,8 @@ def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
     lines += _key_lines(about | {"frames": frames_value, "subject": path(subject), "body": body})
     lines += [f"person = {quoted(scene.person)}   # is tracked; without this line everybody is"] if scene.person else []
     if scene.truth or any(person.truth for person in people.values()):
-        lines += ["", "[truth]", *_key_lines({"file": path(truth), "axes": quoted(scene.truth_axes)})]
+        known = {"file": path(truth), "axes": quoted(scene.truth_axes), "first_frame": str(scene.truth_first_frame)}
+        lines += ["", "[truth]", *_key_lines(known)]
     units = None if scene.units is None else quoted(scene.units)
     lines += ["", "[cameras]", *_key_lines({"calibration": path(scene.calibration), "units": units})]
     for source in scene.cameras:

@@ -71,6 +71,7 @@ class Scene:
         body: a body file, or the name of a shipped body, or None.
         truth: reference joints or a result to compare with, or None.
         truth_axes: which axes of the truth file are the world's x, y, z, such as ``zxy``.
+        truth_first_frame: the number of the first row of a ``.trc``, counted at its rate from the recording's start.
         track: settings of the tracker, as written.
         fit: settings of the first-frame fit, as written.
         first_frame: the recording's number of the first of them.
@@ -94,6 +95,7 @@ class Scene:
     body: str | Path | None = None
     truth: Path | None = None
     truth_axes: str = "xyz"
+    truth_first_frame: int = 0
     track: dict[str, Any] = field(default_factory=dict)
     fit: dict[str, Any] = field(default_factory=dict)
     first_frame: int = 0

@@ -130,6 +130,7 @@ def load_scene(
         body=body,
         truth=take_file(truth, "file", path),
         truth_axes=truth.take("axes", str, "xyz"),
+        truth_first_frame=truth.take("first_frame", int, 0),
         track=track,
         fit=fit,
         first_frame=chosen.start,

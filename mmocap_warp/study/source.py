@@ -91,7 +91,7 @@ def recording_facts(scene: Scene) -> dict[str, Any]:
         "foreground": asdict(scene.foreground),
         "rig": [rig.names, rig.up, numbers],
         "images": [_images(scene, k) for k in range(len(scene.cameras))],
-        "truth": [file_hash([scene.truth]), scene.truth_axes] if scene.truth else None,
+        "truth": [file_hash([scene.truth]), scene.truth_axes, scene.truth_first_frame] if scene.truth else None,
     }
     trimmed = [scene.first_frame, scene.stride]
     described |= ({"trimmed": trimmed} if trimmed != [0, 1] else {}) | ({"fisheye": rig.fisheye} if rig.fisheye else {})
@@ -114,8 +114,9 @@ def open_clip(clip: Clip) -> OpenClip:
 
     scene = load_scene(clip.scene)
     frames = min(clip.frames or scene.frame_count, scene.frame_count)
-    truth = _renumbered(load_truth(scene.truth, scene.truth_axes), scene) if scene.truth else None
+    truth = load_truth(scene.truth, scene.truth_axes, scene.truth_first_frame) if scene.truth else None
     if truth is not None:
+        truth = _renumbered(truth, scene)
         known = truth.frame_numbers < frames
         truth = truth.at_frames(known) if known.any() else None
     subject, masks = read_subject(clip.subject or _subject_file(scene)), islice(scene.observations(clip.scale), frames)

@@ -49,8 +49,9 @@ def test_truth_reads_back(tmp_path, suffix, pose):
 
 def test_axes_of_usd_are_the_worlds(tmp_path):
     write_truth(tmp_path / "truth.usdc", some_truth())
-    with pytest.raises(InputError, match="cannot have axes = 'zxy'; leave the axes out"):
-        load_truth(tmp_path / "truth.usdc", axes="zxy")
+    for wrong in ({"axes": "zxy"}, {"first_frame": 1}):
+        with pytest.raises(InputError, match=r"cannot have axes = '.*' or a first_frame; leave both out"):
+            load_truth(tmp_path / "truth.usdc", **wrong)
 
 
 def test_truth_without_markers_or_joints_reads_back(tmp_path):
@@ -134,8 +135,8 @@ def test_a_missing_or_foreign_file_is_named(tmp_path):
 
 
 def test_joints_of_a_trc_are_numbered_from_the_first_frame(shared_data):
-    truth = load_truth(shared_data / "pose2sim_single/reference/bal_filt.trc", axes="zxy", first_frame=0)
-    assert (truth.fps, len(truth.frame_numbers), truth.frame_numbers[0]) == (60.0, 100, 0)
+    truth = load_truth(shared_data / "pose2sim_single/reference/bal_filt.trc", axes="zxy", first_frame=-2)
+    assert (truth.fps, len(truth.frame_numbers), truth.frame_numbers[0]) == (60.0, 100, -2)
     head = truth.joints[:, truth.joint_names.index("Head")]
     assert 1.5 < np.median(head[:, 2]) < 1.9  # z is up
 

@@ -73,7 +73,7 @@ def test_the_scene_of_made_masks_keeps_what_the_scene_says(tmp_path: Path) -> No
     made = load_scene(write_masks(scene, tmp_path / "made", 0.5))
     assert made.truth is not None
     assert made.truth.resolve() == scene.truth.resolve()
-    assert (made.name, made.fps, made.truth_axes) == (scene.name, scene.fps, "zxy")
+    assert (made.name, made.fps, made.truth_axes, made.truth_first_frame) == (scene.name, scene.fps, "zxy", 2)
     assert made.track == scene.track | {"scale": 0.5}  # what the masks hold, and no more
     for scale in (1.0, 0.5):
         for mine, theirs in zip(made.images(scale), scene.images(scale), strict=True):

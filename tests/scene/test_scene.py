@@ -23,15 +23,11 @@ __all__ = ["ball_scene"]
 def test_what_a_scene_says(folder: Path) -> None:
     edit(folder, "up =", 'body = "adult_man"\nup =')
     (folder / "truth.trc").touch()
-    edit(folder, "[track]", '[truth]\nfile = "truth.trc"\naxes = "zxy"\n[fit]\nstarts = 4\n[track]')
+    edit(folder, "[track]", '[truth]\nfile = "truth.trc"\naxes = "zxy"\nfirst_frame = 1\n[fit]\nstarts = 4\n[track]')
     scene = load_scene(folder)
     assert (scene.name, scene.fps, scene.frame_count, scene.directory) == ("ball", 30.0, FRAMES, folder)
-    assert (scene.body, scene.subject, scene.truth, scene.truth_axes) == (
-        "adult_man",
-        None,
-        folder / "truth.trc",
-        "zxy",
-    )
+    assert (scene.body, scene.subject) == ("adult_man", None)
+    assert (scene.truth, scene.truth_axes, scene.truth_first_frame) == (folder / "truth.trc", "zxy", 1)
     assert (scene.track, scene.fit) == ({"evaluations": 500}, {"starts": 4})
     assert scene.rig(0.5).names == RIG.names
     np.testing.assert_allclose(scene.rig(0.5).K, RIG.undistorted(0.5).K)

@@ -8,9 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic import synthetic_result
 from tiny_study import write_scene, write_study
 
+from mmocap_warp.commands.inputs import truth_of
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.table import export
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.definition import load_study
@@ -149,6 +153,19 @@ def test_a_scene_is_cut_and_its_truth_with_it(scene):
     assert clip.frames == clip_facts(Clip("Walk", scene, frames=3)).frames == len(list(clip.observations)) == 3
     assert clip.truth.frame_numbers.tolist() == [0, 1, 2]
     assert clip.rig.size.tolist()[0] == [40, 30]
+
+
+def test_a_trc_counts_from_the_frame_that_the_scene_says(scene, tmp_path):
+    """For the commands, and for a clip of a study."""
+    late = write_scene(tmp_path / "late", frames=5)
+    export(synthetic_result(frames=4), late.with_name("reference.trc"))
+    late.write_text(late.read_text().replace('"truth.usdc"', '"reference.trc"\nfirst_frame = 1'))
+    assert truth_of(load_scene(late)).frame_numbers.tolist() == [1, 2, 3, 4]
+    clip = Clip("Walk", late, frames=3)
+    assert open_clip(clip).truth.frame_numbers.tolist() == [1, 2]
+    identity = clip_facts(clip).identity
+    late.write_text(late.read_text().replace("first_frame = 1", "first_frame = 2"))
+    assert clip_facts(clip).identity != identity
 
 
 def test_a_scenes_own_frames_are_a_clip_with_its_truth(scene, tmp_path):

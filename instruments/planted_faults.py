@@ -41,7 +41,7 @@ from mmocap_warp.study.degradations import write_sequence
 from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS
 from mmocap_warp.synthesis.any_body import recorded, write_recorded
 
-_COUNT = 56  # frames that each camera has
+_COUNT = 40  # frames that each camera has
 _DROPPED = 4
 _ONE, _OTHER = 1, 3  # the cameras that a fault is planted in
 _SOUND_FRAMES = 24

@@ -36,6 +36,7 @@ _UNITS = {
     (unit, read): METRES[read] / METRES[unit] for read in ("m", "mm") for unit in METRES if unit != read
 }  # by how much too large it makes the subject to read a unit as another
 _UNIT_RATIO = 1.8  # by which a unit may miss the sizes' ratio
+_STAYS = 'source = "recording" takes for background what stays; name a clean_plate; '  # where nobody is seen, or parts
 _STANDING = 0.8  # extent of somebody who stands over that of the body at rest, whose arms are spread
 
 
@@ -72,12 +73,17 @@ def look(
     if not views.large_enough:
         return FirstLook(doubts=tuple(doubts))
     # The calibration, by all views together.
-    check = f"check with: mmocap calib check {scene.path}"
+    check = _STAYS * (scene.foreground.source == "recording") + f"check with: mmocap calib check {scene.path}"
     # Where something may be in front, views differ for that, and hundreds of repairs would be tried in vain.
     now, mistake = (agreement(rig, compared), None) if scene.has_others else views.mistake()
     if mistake is not None:
         found = f"{100 * now.share:.0f} % of the masks lie in the other views' hull, and nearly all after a repair"
         return FirstLook(f"{mistake} ({found})", check)
+    if now.share < _DOUBTFUL and scene.foreground.keep == "largest":  # in each view it may be somebody else
+        everybody = replace(scene, foreground=replace(scene.foreground, keep="all"))
+        problem, remedy = _mask_fault(everybody, *few_masks(everybody))
+        if problem is not None:
+            return FirstLook(problem, remedy)
     if body is not None and (wrong_size := _wrong_size(scene, body, now.extent)) is not None:
         return wrong_size
     # One view, and what none of them explains.
@@ -171,12 +177,8 @@ def _mask_fault(scene: Scene, rig: CameraRig, frames: Sequence[list[np.ndarray]]
             )
     if ((shares > 0).sum(axis=1) < 2).all():
         empty = ", ".join(name for name, share in zip(rig.names, shares.T, strict=True) if not share.any())
-        if scene.foreground.source == "recording":
-            remedy = 'source = "recording" takes for background what stays; name a clean_plate; ' + remedy
-        return (
-            f"no two views show anybody in {len(frames)} frames{f'; {empty} show nobody at all' * bool(empty)}",
-            remedy,
-        )
+        problem = f"no two views show anybody in {len(frames)} frames{f'; {empty} show nobody at all' * bool(empty)}"
+        return problem, _STAYS * (scene.foreground.source == "recording") + remedy
     # Two blobs of about equal size, in most views most of the time, are two people.
     scale = float(rig.size.max() / scene.calibrated.size.max())
     several = [

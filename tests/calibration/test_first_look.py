@@ -166,6 +166,26 @@ def test_each_fault_is_refused_by_name(monkeypatch, fault: str) -> None:
     assert found.remedy
 
 
+def test_two_people_are_named_where_each_view_keeps_one_of_them(monkeypatch) -> None:
+    rig, frames = of_four()
+    one = [[np.roll(mask, 90 * (k % 2), axis=1) for k, mask in enumerate(masks)] for masks in frames]
+    both = two_people(rig, frames)[1]
+    monkeypatch.setattr(
+        first_look, "few_masks", lambda scene, *given: (rig, both if scene.foreground.keep == "all" else one)
+    )
+    found = look(walk()[0], body())
+    assert "two people" in str(found.problem)
+    assert "nearest" in found.remedy
+
+
+def test_a_background_from_the_recording_may_hold_the_subject(monkeypatch) -> None:
+    rig, frames = turned(15)(*of_four())
+    monkeypatch.setattr(first_look, "few_masks", lambda *given: (rig, frames))
+    scene = walk()[0]
+    learnt = replace(scene, foreground=replace(scene.foreground, source="recording", keep="nearest"))
+    assert "name a clean_plate" in look(learnt, body()).remedy
+
+
 def hidden(mask: np.ndarray) -> np.ndarray:
     """The lower half of somebody is behind a block."""
     rows = np.flatnonzero(mask.any(axis=1))

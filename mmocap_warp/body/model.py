@@ -241,8 +241,14 @@ class BodyMotion:
 
 
 def motion_named(name: str, motions: Mapping[str, BodyMotion], body_file: Path) -> BodyMotion:
-    """One of the motions that came with the body of a file; an InputError if none has that name."""
-    if name not in motions:
-        known = f"name one of {', '.join(motions)}" if motions else "it came without any: give a file instead"
-        raise InputError(body_file, f"has no motion '{name}'", known)
-    return motions[name]
+    """One of the motions that came with the body of a file, by its name or, where one motion ends in it, its end.
+
+    Raises:
+        InputError: there is none, or several end so.
+    """
+    for end in (f"|{name}", name):  # many programs put the armature's name before it
+        named = [name] if name in motions else [each for each in motions if each.endswith(end)]
+        if len(named) == 1:
+            return motions[named[0]]
+    known = f"name one of {', '.join(motions)}" if motions else "it came without any: give a file instead"
+    raise InputError(body_file, f"has no motion '{name}'", known)

@@ -11,7 +11,15 @@ from urllib.parse import unquote
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, Skin, joined_parts, parents_first, reorder
+from mmocap_warp.formats.rigged.rigged_mesh import (
+    RiggedMesh,
+    RiggedMotion,
+    Skin,
+    chosen_character,
+    joined_parts,
+    parents_first,
+    reorder,
+)
 from mmocap_warp.whole_file import read_bytes
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -23,11 +31,11 @@ _READABLE = re.compile(r"(KHR|EXT|MSFT|VRMC?)_(materials|texture|lights|springBo
 _REMEDY = "export it again as glTF 2.0 with its skin, without compression"
 
 
-def read_gltf(path: str | Path) -> RiggedMesh:
-    """Read a skinned character with its animations. Materials, cameras and meshes without a skin are passed over."""
+def read_gltf(path: str | Path, character: str | None = None) -> RiggedMesh:
+    """Read a skinned character with its animations; of several the one of that name."""
     path = Path(path)
     try:
-        return _read_character(_Document(path), path)
+        return _read_character(_Document(path), path, character)
     except InputError:
         raise
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, struct.error) as error:
@@ -115,7 +123,7 @@ def _index(number: int) -> int:
     return number
 
 
-def _read_character(document: _Document, path: Path) -> RiggedMesh:
+def _read_character(document: _Document, path: Path, character: str | None) -> RiggedMesh:
     nodes, skins = document.list("nodes"), document.list("skins")
     skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
     if not skinned:
@@ -126,6 +134,7 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         for child in node.get("children", []):
             above[_index(child)] = number
     parents_first(above)  # raises where nodes hang on each other in a circle
+    skinned = _of_one_character(document, skinned, above, character, path)
     joints = list(
         dict.fromkeys(_index(joint) for _, node in skinned for joint in skins[_index(node["skin"])]["joints"])
     )
@@ -167,6 +176,26 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         notes=tuple(notes),
     )
     return reorder(mesh, order)
+
+
+def _of_one_character(
+    document: _Document, skinned: list[tuple[int, dict[str, Any]]], above: list[int], named: str | None, path: Path
+) -> list[tuple[int, dict[str, Any]]]:
+    """The skinned nodes of the character that is meant: a character's joints hang on each other or share a skin."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    skins = [document.list("skins")[_index(node["skin"])]["joints"] for _, node in skinned]
+    joints = {_index(joint): joint for each in skins for joint in each}
+    links = [(each[0], joint) for each in skins for joint in each]
+    links += [(joint, higher) for joint in joints if (higher := _nearest_above(joint, above, joints)) >= 0]
+    ends = tuple(np.array(links).T)
+    _, number = connected_components(coo_array((np.ones(len(links)), ends), (len(above), len(above))))
+    of_character: dict[int, list[tuple[int, dict[str, Any]]]] = {}
+    for each, own in zip(skinned, skins, strict=True):
+        of_character.setdefault(int(number[own[0]]), []).append(each)
+    names = [tuple(str(node.get("name") or place) for place, node in some) for some in of_character.values()]
+    return list(of_character.values())[chosen_character(names, named, path)]
 
 
 def _bind_transforms(document: _Document, skin: dict[str, Any]) -> dict[int, np.ndarray]:
@@ -260,17 +289,20 @@ _PARTS = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)
 def _node_motions(
     document: _Document, nodes: list[dict[str, Any]], above: list[int], joints: list[int]
 ) -> tuple[dict[str, RiggedMotion], list[str]]:
-    """Each animation of nodes that are joints, by its name, and notes on those that are too long to be read.
+    """Each animation that moves joints, by its name, and notes on those that are too long to be read.
 
-    An animation without keys is left out.
+    An animation without keys is left out, and so are those of other characters.
     """
     motions: dict[str, RiggedMotion] = {}
-    notes = []
+    notes, moving = [], set(joints)
+    for joint in joints:
+        while (joint := above[joint]) >= 0:
+            moving.add(joint)
     for number, animation in enumerate(document.list("animations")):
         channels = []
         for channel in animation["channels"]:
             target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
-            if "node" in target and target["path"] in _PARTS:
+            if target.get("node") in moving and target["path"] in _PARTS:
                 keys = document.array(sampler["input"])[:, 0], document.array(sampler["output"])
                 channels.append((target["node"], target["path"], sampler.get("interpolation", "LINEAR"), *keys))
         if not channels:
@@ -294,27 +326,17 @@ def _node_motions(
 
 def _interpolate(when: np.ndarray, time: np.ndarray, value: np.ndarray, how: str, path: str) -> np.ndarray:
     """Values of a channel at times (frame,), held before its first key and after its last."""
+    from scipy.spatial.transform import Rotation, Slerp
+
     if how == "CUBICSPLINE":  # tangents around each value; straight lines between the values come close
         value = value[1::3]
     if len(time) != len(value) or (np.diff(time) <= 0).any() or not np.isfinite(value).all():
         raise ValueError("an animation's keys are not in order, or not finite")
-    when = np.clip(when, time[0], time[-1])
-    before = np.clip(np.searchsorted(time, when, side="right") - 1, 0, max(len(time) - 2, 0))
-    after = np.minimum(before + 1, len(time) - 1)
-    gap = np.where(after > before, time[after] - time[before], 1.0)
-    share = np.clip((when - time[before]) / gap, 0.0, 1.0)[:, None]
     if how == "STEP":
-        share = np.floor(share)
-    first, second = value[before], value[after]
-    if path != "rotation":
-        return (1 - share) * first + share * second
-    cosine = (first * second).sum(axis=1, keepdims=True)
-    second, cosine = np.where(cosine < 0, -second, second), np.minimum(np.abs(cosine), 1.0)
-    angle = np.arccos(cosine)
-    sine = np.where(angle > 1e-6, np.sin(angle), 1.0)
-    near = np.where(angle > 1e-6, np.sin((1 - share) * angle) / sine, 1 - share)
-    far = np.where(angle > 1e-6, np.sin(share * angle) / sine, share)
-    return near * first + far * second
+        return value[np.maximum(np.searchsorted(time, when, side="right") - 1, 0)]
+    if path == "rotation" and len(time) > 1:
+        return Slerp(time, Rotation.from_quat(value))(np.clip(when, time[0], time[-1])).as_quat()
+    return np.stack([np.interp(when, time, column) for column in value.T], axis=1)
 
 
 def _local_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.ndarray:

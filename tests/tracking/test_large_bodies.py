@@ -27,7 +27,8 @@ SAME = 1e-4  # of a person, in metres and radians
 
 def test_lengths_alone_change_with_the_unit():
     assert LARGE.body.extent == pytest.approx(FACTOR * PERSON)
-    assert LARGE.body.unit == pytest.approx(FACTOR) and SUBJECT.body.unit == 1.0
+    assert LARGE.body.unit == pytest.approx(FACTOR)
+    assert SUBJECT.body.unit == 1.0
     assert LARGE.body.relative_size == pytest.approx(FACTOR)
     np.testing.assert_allclose(LARGE.pose[:3], FACTOR * SUBJECT.pose[:3])
     np.testing.assert_array_equal(LARGE.pose[3:], SUBJECT.pose[3:])
@@ -41,7 +42,8 @@ def test_a_body_twenty_times_as_large_is_tracked_to_the_same_poses():
     config = TrackConfig("search-contour", device="cpu", threads=1, smooth=2.0)
     small = track_observations(SUBJECT, CAMERAS, seen, FPS, config)
     large = track_observations(LARGE, FAR, seen, FPS, replace(config, smooth=2.0 * FACTOR))
-    assert large.subject is LARGE and large.cameras is FAR
+    assert large.subject is LARGE
+    assert large.cameras is FAR
     assert large.config["smooth"] == pytest.approx(2.0 * FACTOR)
     assert large.config["translation_radius"] == pytest.approx(FACTOR * small.config["translation_radius"])
     back = large.in_unit(FACTOR)

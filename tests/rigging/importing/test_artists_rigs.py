@@ -67,7 +67,7 @@ def test_of_two_characters_in_a_file_one_is_named(tmp_path: Path, capsys) -> Non
     twin, alone = read_gltf(file, "Twin's Creature"), creature(tmp_path)
     assert twin.joints == tuple(f"Twin's {name}" for name in alone.joints)
     assert list(twin.motions) == ["TwinNod"]
-    np.testing.assert_allclose(twin.vertex, alone.vertex + [3.0, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(twin.vertex, alone.vertex + np.array([3.0, 0.0, 0.0]), atol=1e-6)
 
 
 def test_two_skins_on_joints_of_one_tree_are_one_character(tmp_path: Path) -> None:

@@ -126,7 +126,8 @@ def _index(number: int) -> int:
 def _read_character(document: _Document, path: Path, character: str | None) -> RiggedMesh:
     nodes, skins = document.list("nodes"), document.list("skins")
     skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
-    if not skinned:
+    moved = {each["target"].get("node") for one in document.list("animations") for each in one["channels"]}
+    if not skinned and not (moved and any("mesh" in node for node in nodes)):
         raise InputError(path, "holds no skinned mesh", "export the character with its armature and skin")
     # The tree of the nodes, and the joints among them, parents first.
     above = [-1] * len(nodes)
@@ -134,10 +135,11 @@ def _read_character(document: _Document, path: Path, character: str | None) -> R
         for child in node.get("children", []):
             above[_index(child)] = number
     parents_first(above)  # raises where nodes hang on each other in a circle
-    skinned = _of_one_character(document, skinned, above, character, path)
-    joints = list(
-        dict.fromkeys(_index(joint) for _, node in skinned for joint in skins[_index(node["skin"])]["joints"])
-    )
+    skinned = _of_one_character(document, skinned, above, character, path) if skinned else []
+    of_skins = (_index(joint) for _, node in skinned for joint in skins[_index(node["skin"])]["joints"])
+    # Where nothing has a skin, nodes that move and those with a mesh are the joints.
+    whole = [number for number, node in enumerate(nodes) if "mesh" in node or number in moved]
+    joints = list(dict.fromkeys(of_skins)) or whole
     joint_of = {node: joint for joint, node in enumerate(joints)}
     parent = [_nearest_above(node, above, joint_of) for node in joints]
     order = parents_first(parent)
@@ -156,6 +158,7 @@ def _read_character(document: _Document, path: Path, character: str | None) -> R
         for joint, matrix in own.items():
             bind.setdefault(joint, scene @ matrix)
         parts += _read_mesh(document, node["mesh"], [joint_of[joint] for joint in own], scene)
+    bind = bind or {node: rest[node] for node in joints}
     # Meshes without a skin that hang on a joint follow it.
     motions, notes = _node_motions(document, nodes, above, joints)
     for number, node in enumerate(nodes):
@@ -164,9 +167,12 @@ def _read_character(document: _Document, path: Path, character: str | None) -> R
             continue
         scene = bind[joints[joint]] @ np.linalg.inv(rest[joints[joint]]) @ rest[number]
         parts += _read_mesh(document, node["mesh"], joint, scene)
-        notes.append(f"mesh {node.get('name') or number} has no skin: it follows {nodes[joints[joint]].get('name')}")
+        if number != joints[joint]:
+            notes.append(
+                f"mesh {node.get('name') or number} has no skin: it follows {nodes[joints[joint]].get('name')}"
+            )
     mesh = RiggedMesh(
-        name=str(skinned[0][1].get("name") or path.stem),
+        name=str((skinned[0][1] if skinned else {}).get("name") or path.stem),
         joints=tuple(str(nodes[node].get("name") or f"joint{node}") for node in joints),
         parent=tuple(parent),
         bind=np.stack([bind[node] for node in joints]),
@@ -252,15 +258,18 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
     """(4, 4): what takes the space in which the skin is bound to the scene's.
 
     The format does not say. Exporters bind in the scene's space, in the mesh node's or in one of their own; of these
-    the one that brings the joints nearest to where the nodes have them is taken.
+    the one that brings the joints nearest to where the nodes have them is taken. Where none does, the root may be bound
+    in another unit than the joints with skin: each joint's own space is tried.
     """
 
     def apart(scene: np.ndarray) -> float:
         return float(np.linalg.norm((scene @ bind - rest)[:, :3, 3], axis=1).mean())
 
     candidates = [np.eye(4), mesh, rest[0] @ np.linalg.inv(bind[0])]
-    nearest = min(map(apart, candidates))
-    slack = 1e-3 * float(np.ptp(rest[:, :3, 3], axis=0).max())
+    extent = float(np.ptp(rest[:, :3, 3], axis=0).max())
+    if min(map(apart, candidates)) > extent / 2:
+        candidates += list(rest @ np.linalg.inv(bind))
+    nearest, slack = min(map(apart, candidates)), 1e-3 * extent
     return next(scene for scene in candidates if apart(scene) <= nearest + slack)
 
 

@@ -258,18 +258,15 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
     """(4, 4): what takes the space in which the skin is bound to the scene's.
 
     The format does not say. Exporters bind in the scene's space, in the mesh node's or in one of their own; of these
-    the one that brings the joints nearest to where the nodes have them is taken. Where none does, the root may be bound
-    in another unit than the joints with skin: each joint's own space is tried.
+    the one that brings the joints nearest to where the nodes have them is taken.
     """
 
     def apart(scene: np.ndarray) -> float:
         return float(np.linalg.norm((scene @ bind - rest)[:, :3, 3], axis=1).mean())
 
     candidates = [np.eye(4), mesh, rest[0] @ np.linalg.inv(bind[0])]
-    extent = float(np.ptp(rest[:, :3, 3], axis=0).max())
-    if min(map(apart, candidates)) > extent / 2:
-        candidates += list(rest @ np.linalg.inv(bind))
-    nearest, slack = min(map(apart, candidates)), 1e-3 * extent
+    nearest = min(map(apart, candidates))
+    slack = 1e-3 * float(np.ptp(rest[:, :3, 3], axis=0).max())
     return next(scene for scene in candidates if apart(scene) <= nearest + slack)
 
 

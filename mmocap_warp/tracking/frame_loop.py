@@ -19,6 +19,7 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
@@ -34,6 +35,7 @@ from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.holes import HOLE_SECONDS, with_holes
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
+from mmocap_warp.tracking.smoothing_beside import SmoothingBeside
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.versions import versions
@@ -180,24 +182,43 @@ def track(
             return silhouettes_of(poses[place - 1] if place < len(poses) else tracker.state.pose)
 
         observations = islice(with_holes(observations, scene.rate, body_before), len(again), None)
-        with saved or nullcontext():
-            answers += track_frames(tracker, observations, first=done, saved=saved, progress=progress)
-        result = collect(subject, rig, scene.fps, config, answers, scene.frames)
+        # Smooth meanwhile, where there are cores for both.
+        beside = None
+        cores = 1 if tracker.device != "cpu" else config.threads or available_threads()
+        if config.acceleration and cores > 1 and not answers:
+            unknown = np.full((config.runs, len(rig)), np.nan)
+            blank = FrameAnswer(tracker.state.pose, unknown[:, 0], unknown, 0, STATUS.index("lost"), 0.0)
+            room = collect(subject, rig, scene.fps, config, [blank] * scene.frame_count, scene.frames)
+            beside = SmoothingBeside(room, config, kept)
+        with beside or nullcontext():
+            with saved or nullcontext():
+                for answer in track_frames(tracker, observations, first=done, saved=saved, progress=progress):
+                    answers.append(answer)
+                    if beside:
+                        beside.add(answer)
+            result = collect(subject, rig, scene.fps, config, answers, scene.frames)
+            complete = len(kept) == len(answers)
 
-        # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
-        # no room for, are read again.
-        def masks() -> Iterable[Observation]:
-            return read_ahead(kept if len(kept) == len(answers) else tracked_observations(scene, result))
+            # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk
+            # had no room for, are read again.
+            def masks() -> Iterable[Observation]:
+                return read_ahead(kept if complete else tracked_observations(scene, result))
 
-        return replace(_finished(result, config, masks, smooth_progress).in_unit(1 / unit), **given)
+            finished = _finished(result, config, masks, smooth_progress, beside if complete else None)
+        return replace(finished.in_unit(1 / unit), **given)
 
 
 def _finished(
-    result: Result, config: TrackConfig, masks: Callable[[], Iterable[Observation]], progress: SmoothReport | None
+    result: Result,
+    config: TrackConfig,
+    masks: Callable[[], Iterable[Observation]],
+    progress: SmoothReport | None,
+    beside: SmoothingBeside | None = None,
 ) -> Result:
     """The track, smoothed where that is wanted, and what the masks, read anew each time, say about it.
 
-    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen.
+    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen. What smoothed the
+    track ``beside`` knew of neither: it holds where there are none.
     """
     repeated = repeated_views(masks())
     at_once = np.logical_and.reduce(repeated, axis=1)
@@ -217,7 +238,10 @@ def _finished(
         return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if numbers else seen
 
     if config.acceleration:
-        result = smoothed(result, config, shown(), progress)
+        if beside and not repeated.any():
+            result = beside.of(result, progress)
+        else:
+            result = smoothed(result, config, shown(), progress)
         gc.collect()  # what was smoothed holds itself, and with it the fields of a window
     return with_evidence(result, config, shown())
 

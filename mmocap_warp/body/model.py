@@ -14,6 +14,9 @@ from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.errors import InputError
 
 _PERSON = 1.2  # extent of a body that counts as large as a person [m]
+_USUAL_PERSON = 1.8  # extent of a person, by which larger bodies are measured [m]
+_MEASURED = ("body.", "shape.bone.", "shape.girth.")  # what a subject's lengths are called in its provenance
+_NO_PERSON = 3.0  # extent from which on a body is larger than any person [m]
 
 
 @dataclass(frozen=True)
@@ -100,9 +103,31 @@ class BodyModel:
         return by_vertex, self.joint_rest - self.joint_rest[skeleton.carrier]
 
     @cached_property
+    def extent(self) -> float:
+        """Its largest extent along an axis at rest, without attached things [m]."""
+        return float(np.ptp(self.skin.rest[self.own_vertex], axis=0).max())
+
+    @property
+    def unit(self) -> float:
+        """The unit of length in which it is searched for [m]: that in which a larger body is as large as a person."""
+        return self.extent / _USUAL_PERSON if self.extent > _NO_PERSON else 1.0
+
+    @property
     def relative_size(self) -> float:
-        """Its largest extent over a person's, at most 1: a factor for lengths that hold for people."""
-        return min(1.0, float(np.ptp(self.skin.rest[self.own_vertex], axis=0).max()) / _PERSON)
+        """Its extent over a person's, 1 up to the largest person's: a factor for lengths that hold for people."""
+        return self.unit if self.unit > 1 else min(1.0, self.extent / _PERSON)
+
+    def in_unit(self, unit: float) -> BodyModel:
+        """The body with all of its lengths in a unit [m], what is attached included."""
+        by = np.float32(1 / unit)
+        return replace(
+            self,
+            skeleton=self.skeleton.in_unit(unit),
+            skin=replace(self.skin, rest=self.skin.rest * by),
+            joint_rest=self.joint_rest * by,
+            shape_vertex=self.shape_vertex * by,
+            shape_joint=self.shape_joint * by,
+        )
 
     @property
     def volume(self) -> float:
@@ -161,6 +186,15 @@ class Subject:
         place = ", ".join(f"{value:.2f}" for value in self.pose[:3])
         return f"Subject {self.body.name}{known}, starts at ({place}) m"
 
+    def in_unit(self, unit: float) -> Subject:
+        """The subject with all of its lengths in a unit [m], those that a fit measured included."""
+        if unit == 1:
+            return self
+        measured = {name: value for name, value in self.provenance.items() if name.startswith(_MEASURED)}
+        provenance = self.provenance | {name: float(value) / unit for name, value in measured.items()}
+        pose = self.pose / self.body.skeleton.units(unit)
+        return replace(self, body=self.body.in_unit(unit), pose=pose, provenance=provenance)
+
 
 def bind_transforms(body: BodyModel) -> np.ndarray:
     """(joint, 4, 4) float64: body space from joint in the bind pose, for column vectors."""
@@ -207,8 +241,14 @@ class BodyMotion:
 
 
 def motion_named(name: str, motions: Mapping[str, BodyMotion], body_file: Path) -> BodyMotion:
-    """One of the motions that came with the body of a file; an InputError if none has that name."""
-    if name not in motions:
-        known = f"name one of {', '.join(motions)}" if motions else "it came without any: give a file instead"
-        raise InputError(body_file, f"has no motion '{name}'", known)
-    return motions[name]
+    """One of the motions that came with the body of a file, by its name or, where one motion ends in it, its end.
+
+    Raises:
+        InputError: there is none, or several end so.
+    """
+    for end in (f"|{name}", name):  # many programs put the armature's name before it
+        named = [name] if name in motions else [each for each in motions if each.endswith(end)]
+        if len(named) == 1:
+            return motions[named[0]]
+    known = f"name one of {', '.join(motions)}" if motions else "it came without any: give a file instead"
+    raise InputError(body_file, f"has no motion '{name}'", known)

@@ -130,6 +130,16 @@ class Skeleton:
         """(coordinate,) bool, whether each is a length [m], not an angle [rad]."""
         return np.repeat([True, *self.slides], 3)
 
+    def units(self, length: float) -> np.ndarray:
+        """(coordinate,) the unit of each, where that of lengths is ``length`` [m] and that of angles a radian."""
+        units: np.ndarray = np.where(self.is_length, length, 1.0)
+        return units
+
+    def in_unit(self, unit: float) -> Skeleton:
+        """The skeleton with what its sliding joints may do in a unit [m]."""
+        by = np.where(self.slides, np.float32(unit), np.float32(1))
+        return replace(self, limits=self.limits / by[:, None, None], spread=self.spread / by)
+
     @cached_property
     def is_attached(self) -> np.ndarray:
         """(joint,) bool, whether each is attached."""

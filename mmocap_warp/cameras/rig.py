@@ -104,6 +104,10 @@ class CameraRig:
         K[:, :2, 2] = (K[:, :2, 2] + 0.5) * scale - 0.5
         return replace(self, K=K, size=size, distortion=np.zeros_like(self.distortion), fisheye=())
 
+    def in_unit(self, unit: float) -> CameraRig:
+        """The cameras of a world whose lengths are in a unit [m]."""
+        return replace(self, t=self.t / unit)
+
     def select(self, names: tuple[str, ...]) -> CameraRig:
         """The named cameras, in the given order.
 

@@ -65,6 +65,7 @@ def import_body(
     joints: str | Path | None = None,
     write_joints: str | Path | None = None,
     meshes: str | Path | None = None,
+    character: str | None = None,
     joint_set: str | Path | None = None,
     name: str | None = None,
     attribution: str | None = None,
@@ -83,6 +84,7 @@ def import_body(
         joints: a .toml file that says how joints turn; what it leaves out is derived.
         write_joints: write how joints turn to this .toml file, to be edited and given as joints.
         meshes: the folder of a robot's meshes. [default: its file's own]
+        character: the name of who is meant, where the file holds several characters.
         joint_set: a .toml table of further joints, which the body carries under that file's name.
         name: the body's name. [default: the output's name without ending]
         attribution: who made it, and under which licence. [default: what the file says]
@@ -100,7 +102,7 @@ def import_body(
     joints_target = None if write_joints is None else new_file(write_joints, ".toml", force=force)
     # Read the file, and check what was said of it.
     stated_joints = None if joints is None else read_joints_file(Path(joints))
-    mesh = _read_rigged(Path(file), None if meshes is None else Path(meshes))
+    mesh = _read_rigged(Path(file), None if meshes is None else Path(meshes), character)
     with arguments_checked():
         body_from_file(up or mesh.up, facing or mesh.facing)
     if not scale > 0 or triangles < 4 or skin_triangles < triangles:
@@ -143,13 +145,11 @@ def import_body(
     return made
 
 
-def _read_rigged(file: Path, meshes: Path | None) -> RiggedMesh:
+def _read_rigged(file: Path, meshes: Path | None, character: str | None) -> RiggedMesh:
     readers: dict[str, Callable[[Path], RiggedMesh]] = {
-        ".glb": read_gltf,
-        ".gltf": read_gltf,
-        ".vrm": read_gltf,
+        **dict.fromkeys((".glb", ".gltf", ".vrm"), lambda file: read_gltf(file, character)),
         ".urdf": lambda file: read_urdf(file, meshes),
-        **dict.fromkeys((*USD_SUFFIXES, ".usdz"), read_usd_skel),
+        **dict.fromkeys((*USD_SUFFIXES, ".usdz"), lambda file: read_usd_skel(file, character)),
     }
     if not file.is_file():
         raise InputError(file, "no such file", "check the path")

@@ -124,6 +124,11 @@ def fit_clip(
     Raises:
         NoSubjectError: the first frame's masks do not show one subject in at least two views.
     """
+    unit = body.unit
+    if unit != 1:  # what is in metres below holds for people
+        starts = None if start_poses is None else start_poses / body.skeleton.units(unit)
+        own = body.in_unit(unit), rig.in_unit(unit)
+        return fit_clip(*own, fps, observations, config, progress, starts).in_unit(1 / unit)
     task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None), start_poses)
     observations = iter(observations)
     first = next(observations)

@@ -24,6 +24,10 @@ afterwards from the frames around it. Repeated: likewise, because its images are
 """
 
 
+CONFIGURED_LENGTHS = ("smooth", "translation_radius")
+"""Settings of a run that are in metres."""
+
+
 @dataclass(frozen=True)
 class FrameAnswer:
     """What a frame's search found."""
@@ -129,6 +133,19 @@ class Result:
         """The result's frames in a second: fewer than ``fps`` where frames were passed over."""
         step = np.diff(self.frame_numbers)
         return self.fps / int(step.min()) if len(step) else self.fps
+
+    def in_unit(self, unit: float) -> Result:
+        """The result with all of its lengths in a unit [m]."""
+        if unit == 1:
+            return self
+        coordinates = self.subject.body.skeleton.units(unit)
+        units = dict.fromkeys(("pose", "raw_pose", "angle_sigma"), coordinates)
+        units |= dict.fromkeys(("joint_sigma", "view_shift"), unit)
+        arrays = {name: array / units[name] for name, array in self.arrays.items() if name in units}
+        given = {name: self.config.get(name) for name in CONFIGURED_LENGTHS}
+        config = self.config | {name: value / unit for name, value in given.items() if value is not None}
+        subject, cameras = self.subject.in_unit(unit), self.cameras.in_unit(unit)
+        return replace(self, subject=subject, cameras=cameras, config=config, **arrays)
 
     def at(self, positions: Sequence[int]) -> Result:
         """The result of some of its frames, by their positions in ``frame_numbers``, ascending."""

@@ -65,7 +65,7 @@ def _again(scene: Scene, result: Result, positions: Sequence[int] | None) -> tup
     last_poses = (poses[position] for position in positions)
     body: BodyMasks | None = None
     if scene.foreground.keep == "nearest":
-        silhouettes_of = body_silhouettes(result.subject, scene.rig(scale))
+        silhouettes_of = body_silhouettes(result.subject, result.cameras)
 
         def body() -> ViewMasks:
             return silhouettes_of(next(last_poses))

@@ -118,6 +118,9 @@ def track(
 ) -> Result:
     """Track a scene from its first frame to its last; the result has the recording's frame numbers.
 
+    A body that is larger than any person is tracked in a unit of length in which it is as large as one: what priors,
+    margins and steps are in metres holds for people.
+
     Args:
         scene: the recording, or part of it; its masks are streamed.
         subject: where to start; what the scene says is attached and the subject lacks, it gets.
@@ -138,13 +141,15 @@ def track(
     _check_start(scene, subject)
     subject, _ = subject_carrying(subject, scene.attached)
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
-    rig = scene.rig(config.scale)
+    rig, unit = scene.rig(config.scale), subject.body.unit
 
     # Refuse another run's checkpoint before anything is built.
     identity = run_identity(scene, subject, config) if checkpoint else {}
     if checkpoint and resume:
         identity = with_code_of(checkpoint, identity) if accept_changed_code else identity
         read_checkpoint(checkpoint, identity)
+    given = {"subject": subject, "cameras": rig}
+    subject, rig, config = subject.in_unit(unit), rig.in_unit(unit), config.in_unit(unit)
     tracker = make_tracker(subject, rig, config, scene.rate)
 
     # Go on after the frames that were saved.
@@ -199,7 +204,8 @@ def track(
             def masks() -> Iterable[Observation]:
                 return kept if complete else tracked_observations(scene, result)
 
-            return _finished(result, config, masks, smooth_progress, beside if complete else None)
+            finished = _finished(result, config, masks, smooth_progress, beside if complete else None)
+        return replace(finished.in_unit(1 / unit), **given)
 
 
 def _finished(
@@ -266,9 +272,12 @@ def track_observations(
     """
     kept: list[Observation] = []
     keep = kept.append if config.acceleration else None
+    unit, given = subject.body.unit, {"subject": subject, "cameras": rig}
+    subject, rig, config = subject.in_unit(unit), rig.in_unit(unit), config.in_unit(unit)
     silhouettes_of = body_silhouettes(subject, rig)
     tracker = make_tracker(subject, rig, config, fps)
     observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))
     answers = list(track_frames(tracker, observations, keep=keep, progress=progress))
     result = collect(subject, rig, fps, config, answers)
-    return smoothed(result, config, kept) if config.acceleration else result
+    result = smoothed(result, config, kept) if config.acceleration else result
+    return replace(result.in_unit(1 / unit), **given)

@@ -93,8 +93,9 @@ def track_live(
     config = replace(config or TrackConfig(), **settings)
     if not config.acceleration:
         raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
+    window, unit = _Window(subject, cameras, config, fps), subject.body.unit
+    subject, cameras, config = subject.in_unit(unit), cameras.in_unit(unit), config.in_unit(unit)
     tracker = make_tracker(subject, cameras, config, fps)
-    window = _Window(subject, cameras, config, fps)
     silhouettes_of = body_silhouettes(subject, cameras)
     observations: Iterable[Observation] = (Observation.from_masks(list(each)) for each in masks)
     observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))
@@ -107,12 +108,13 @@ class _Window:
     """The frames that are not final yet; ``first`` is the number of the first frame."""
 
     def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float, first: int = 0) -> None:
-        skeleton = subject.body.skeleton
+        skeleton, unit = subject.body.skeleton, subject.body.unit
+        self._poser, self._units = Poser(subject.body, subject.root_base), skeleton.units(unit)
+        subject, cameras, config = subject.in_unit(unit), cameras.in_unit(unit), config.in_unit(unit)
         searched, limits = skeleton.searched(config.dof), search_limits(subject, config)
         self._rooting = rooting = Rooting(skeleton, subject.root_base, searched, limits)
         points = MotionPoints(skeleton, subject.body.joint_rest, searched)
         self._fitter = make_fitter(subject, cameras, config, LAG, frames=LAG)
-        self._poser = Poser(subject.body, subject.root_base)
         self._answers: list[FrameAnswer] = []
         self._first = first  # number of the first of these
         self._tracked_before = np.zeros(config.runs, bool)
@@ -160,16 +162,18 @@ class _Window:
             between = ~tracked[i] & self._tracked_before & tracked[i:].any(axis=0)
             self._tracked_before |= tracked[i]
             status = np.where(between, _INTERPOLATED, answer.status)
-            yield _live_frame(self._poser, self._first, poses[:, i], answer, status)
+            yield _live_frame(self._poser, self._units, self._first, poses[:, i], answer, status)
             self._first += 1
 
 
 def _live_frame(
-    poser: Poser, number: int, pose: np.ndarray, answer: FrameAnswer, status: int | np.ndarray
+    poser: Poser, units: np.ndarray, number: int, pose: np.ndarray, answer: FrameAnswer, status: int | np.ndarray
 ) -> LiveFrame:
+    """A frame of poses (run, coordinate) in ``units`` (coordinate,)."""
+    pose = pose * units
     joints = poser.joint_transforms(pose)[:, :, :3, 3].astype(float)
     names = tuple(STATUS[each] for each in np.broadcast_to(status, len(pose)))
-    return LiveFrame(number, pose, answer.pose.astype(float), joints, answer.iou, names)
+    return LiveFrame(number, pose, answer.pose * units, joints, answer.iou, names)
 
 
 class LiveTracker:
@@ -193,20 +197,21 @@ class LiveTracker:
     def __init__(self, subject: Subject, cameras: CameraRig, fps: float, config: TrackConfig) -> None:
         if not config.acceleration:
             raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
+        unit, given = subject.body.unit, (subject, cameras, replace(config, threads=1), fps)
+        self._poser, self._units = Poser(subject.body, subject.root_base), subject.body.skeleton.units(unit)
+        subject, cameras, config = subject.in_unit(unit), cameras.in_unit(unit), config.in_unit(unit)
         self._tracker = make_tracker(subject, cameras, config, fps)
         if isinstance(self._tracker, ContourTracker):
             self._tracker.search_interval = max(2, round(_SEARCH_INTERVAL * fps))
-        self._poser = Poser(subject.body, subject.root_base)
         self._silhouettes_of, self._fps = body_silhouettes(subject, cameras), fps
         self._follow_holes()
         context = multiprocessing.get_context("spawn")  # a fork would not survive CUDA
         self._frames, self._solved = context.Queue(_MOST_BEHIND), context.Queue()
         self._frames.cancel_join_thread()  # else what nobody takes any more would keep this process from ending
-        given = self._frames, self._solved, subject, cameras, replace(config, threads=1), fps
-        self._process = context.Process(target=_smooth, args=given, daemon=True)
+        self._process = context.Process(target=_smooth, args=(self._frames, self._solved, *given), daemon=True)
         self._process.start()
         # Rehearse with the body where it is taken to be.
-        state, (vertices,) = self._tracker.state, self._poser.tracking_vertices(subject.pose)
+        state, (vertices,) = self._tracker.state, Poser(subject.body, subject.root_base).tracking_vertices(subject.pose)
         seen = silhouettes(cameras, vertices, subject.body.tracking_face)
         self._begun = False
         for number in range(math.ceil(_REHEARSAL * fps)):
@@ -241,7 +246,7 @@ class LiveTracker:
             self._tracker.state = state.settled()  # else the next frames would be searched for too, which takes long
         self._begun = True
         self._patiently(partial(self._frames.put, (number, observation, answer)))
-        return _live_frame(self._poser, number, answer.pose.astype(float), answer, answer.status)
+        return _live_frame(self._poser, self._units, number, answer.pose, answer, answer.status)
 
     def smoothed(self) -> Iterator[LiveFrame]:
         """The frames whose smoothed answers have come since."""

@@ -64,9 +64,10 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
     context = max(3, round(_CONTEXT * result.rate))
     first, last = max(0, span.start - context), min(len(result.frame_numbers), span.stop + context)
     whole = list(range(first, last))
-    part, seen = result.at(whole), _observations(scene, result, whole)
+    unit = result.subject.body.unit
+    part, seen = result.at(whole).in_unit(unit), _observations(scene, result, whole)
     own = range(span.start - first, span.stop - first)
-    within = pins.moved(first)
+    config, within = config.in_unit(unit), pins.moved(first, unit)
     at = [frame for frame in np.unique(within.frame).tolist() if frame in own]
 
     # Follow the frames from the anchors.
@@ -92,6 +93,7 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
     usual = np.nanmean(result.iou, axis=2)
     low = np.nanmean(done.iou, axis=2) < np.nanmedian(usual, axis=1, keepdims=True) - _LOST_OVERLAP
     done = replace(done, status=np.where(low & ~repeated, STATUS.index("lost"), done.status).astype(np.int8))
+    done = done.in_unit(1 / unit)
 
     # All other frames keep their bits.
     arrays = {name: array.copy() for name, array in result.arrays.items()}

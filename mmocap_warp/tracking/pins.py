@@ -57,9 +57,10 @@ class Pins:
         """No pins at all."""
         return cls(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2, 3)), np.zeros((0, 2)), SIGMA, [])
 
-    def moved(self, frames: int) -> Pins:
-        """The same for a part of the result that begins so many ``frames`` later."""
-        return Pins(self.frame - frames, self.joint, self.across, self.beside, self.sigma, self.listed)
+    def moved(self, frames: int, unit: float) -> Pins:
+        """The same for a part of the result that begins so many ``frames`` later, with lengths in a unit [m]."""
+        beside, sigma = self.beside / unit, self.sigma / unit
+        return Pins(self.frame - frames, self.joint, self.across, beside, sigma, self.listed)
 
 
 def read_pins(pins: str | Path | list[dict[str, Any]], result: Result, recorded: CameraRig) -> Pins:

@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.formats.toml_table import describes_settings, listed, setting
+from mmocap_warp.result.result import CONFIGURED_LENGTHS
 from mmocap_warp.silhouettes import COSTS, RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGET, BUDGETS, CONTOUR_TRACKERS, PRESETS
 
@@ -83,6 +85,11 @@ class TrackConfig:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
         if not 0 <= self.seed < 2**31 - self.runs:
             raise ValueError(f"seed must be in 0 .. 2^31 - runs, got {self.seed}")
+
+    def in_unit(self, unit: float) -> Self:
+        """These settings, those in metres in a unit [m]."""
+        given = {name: getattr(self, name) for name in CONFIGURED_LENGTHS}
+        return replace(self, **{name: value / unit for name, value in given.items() if value is not None})
 
     @property
     def budget(self) -> int:

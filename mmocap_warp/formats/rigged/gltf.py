@@ -11,7 +11,15 @@ from urllib.parse import unquote
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, Skin, joined_parts, parents_first, reorder
+from mmocap_warp.formats.rigged.rigged_mesh import (
+    RiggedMesh,
+    RiggedMotion,
+    Skin,
+    chosen_character,
+    joined_parts,
+    parents_first,
+    reorder,
+)
 from mmocap_warp.whole_file import read_bytes
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -23,11 +31,11 @@ _READABLE = re.compile(r"(KHR|EXT|MSFT|VRMC?)_(materials|texture|lights|springBo
 _REMEDY = "export it again as glTF 2.0 with its skin, without compression"
 
 
-def read_gltf(path: str | Path) -> RiggedMesh:
-    """Read a skinned character with its animations. Materials, cameras and meshes without a skin are passed over."""
+def read_gltf(path: str | Path, character: str | None = None) -> RiggedMesh:
+    """Read a skinned character with its animations; of several the one of that name."""
     path = Path(path)
     try:
-        return _read_character(_Document(path), path)
+        return _read_character(_Document(path), path, character)
     except InputError:
         raise
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, struct.error) as error:
@@ -115,10 +123,11 @@ def _index(number: int) -> int:
     return number
 
 
-def _read_character(document: _Document, path: Path) -> RiggedMesh:
+def _read_character(document: _Document, path: Path, character: str | None) -> RiggedMesh:
     nodes, skins = document.list("nodes"), document.list("skins")
     skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
-    if not skinned:
+    moved = {each["target"].get("node") for one in document.list("animations") for each in one["channels"]}
+    if not skinned and not (moved and any("mesh" in node for node in nodes)):
         raise InputError(path, "holds no skinned mesh", "export the character with its armature and skin")
     # The tree of the nodes, and the joints among them, parents first.
     above = [-1] * len(nodes)
@@ -126,9 +135,11 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         for child in node.get("children", []):
             above[_index(child)] = number
     parents_first(above)  # raises where nodes hang on each other in a circle
-    joints = list(
-        dict.fromkeys(_index(joint) for _, node in skinned for joint in skins[_index(node["skin"])]["joints"])
-    )
+    skinned = _of_one_character(document, skinned, above, character, path) if skinned else []
+    of_skins = (_index(joint) for _, node in skinned for joint in skins[_index(node["skin"])]["joints"])
+    # Where nothing has a skin, nodes that move and those with a mesh are the joints.
+    whole = [number for number, node in enumerate(nodes) if "mesh" in node or number in moved]
+    joints = list(dict.fromkeys(of_skins)) or whole
     joint_of = {node: joint for joint, node in enumerate(joints)}
     parent = [_nearest_above(node, above, joint_of) for node in joints]
     order = parents_first(parent)
@@ -147,6 +158,7 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         for joint, matrix in own.items():
             bind.setdefault(joint, scene @ matrix)
         parts += _read_mesh(document, node["mesh"], [joint_of[joint] for joint in own], scene)
+    bind = bind or {node: rest[node] for node in joints}
     # Meshes without a skin that hang on a joint follow it.
     motions, notes = _node_motions(document, nodes, above, joints)
     for number, node in enumerate(nodes):
@@ -155,9 +167,12 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
             continue
         scene = bind[joints[joint]] @ np.linalg.inv(rest[joints[joint]]) @ rest[number]
         parts += _read_mesh(document, node["mesh"], joint, scene)
-        notes.append(f"mesh {node.get('name') or number} has no skin: it follows {nodes[joints[joint]].get('name')}")
+        if number != joints[joint]:
+            notes.append(
+                f"mesh {node.get('name') or number} has no skin: it follows {nodes[joints[joint]].get('name')}"
+            )
     mesh = RiggedMesh(
-        name=str(skinned[0][1].get("name") or path.stem),
+        name=str((skinned[0][1] if skinned else {}).get("name") or path.stem),
         joints=tuple(str(nodes[node].get("name") or f"joint{node}") for node in joints),
         parent=tuple(parent),
         bind=np.stack([bind[node] for node in joints]),
@@ -167,6 +182,26 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         notes=tuple(notes),
     )
     return reorder(mesh, order)
+
+
+def _of_one_character(
+    document: _Document, skinned: list[tuple[int, dict[str, Any]]], above: list[int], named: str | None, path: Path
+) -> list[tuple[int, dict[str, Any]]]:
+    """The skinned nodes of the character that is meant: a character's joints hang on each other or share a skin."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    skins = [document.list("skins")[_index(node["skin"])]["joints"] for _, node in skinned]
+    joints = {_index(joint): joint for each in skins for joint in each}
+    links = [(each[0], joint) for each in skins for joint in each]
+    links += [(joint, higher) for joint in joints if (higher := _nearest_above(joint, above, joints)) >= 0]
+    ends = tuple(np.array(links).T)
+    _, number = connected_components(coo_array((np.ones(len(links)), ends), (len(above), len(above))))
+    of_character: dict[int, list[tuple[int, dict[str, Any]]]] = {}
+    for each, own in zip(skinned, skins, strict=True):
+        of_character.setdefault(int(number[own[0]]), []).append(each)
+    names = [tuple(str(node.get("name") or place) for place, node in some) for some in of_character.values()]
+    return list(of_character.values())[chosen_character(names, named, path)]
 
 
 def _bind_transforms(document: _Document, skin: dict[str, Any]) -> dict[int, np.ndarray]:
@@ -260,17 +295,20 @@ _PARTS = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)
 def _node_motions(
     document: _Document, nodes: list[dict[str, Any]], above: list[int], joints: list[int]
 ) -> tuple[dict[str, RiggedMotion], list[str]]:
-    """Each animation of nodes that are joints, by its name, and notes on those that are too long to be read.
+    """Each animation that moves joints, by its name, and notes on those that are too long to be read.
 
-    An animation without keys is left out.
+    An animation without keys is left out, and so are those of other characters.
     """
     motions: dict[str, RiggedMotion] = {}
-    notes = []
+    notes, moving = [], set(joints)
+    for joint in joints:
+        while (joint := above[joint]) >= 0:
+            moving.add(joint)
     for number, animation in enumerate(document.list("animations")):
         channels = []
         for channel in animation["channels"]:
             target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
-            if "node" in target and target["path"] in _PARTS:
+            if target.get("node") in moving and target["path"] in _PARTS:
                 keys = document.array(sampler["input"])[:, 0], document.array(sampler["output"])
                 channels.append((target["node"], target["path"], sampler.get("interpolation", "LINEAR"), *keys))
         if not channels:
@@ -294,27 +332,17 @@ def _node_motions(
 
 def _interpolate(when: np.ndarray, time: np.ndarray, value: np.ndarray, how: str, path: str) -> np.ndarray:
     """Values of a channel at times (frame,), held before its first key and after its last."""
+    from scipy.spatial.transform import Rotation, Slerp
+
     if how == "CUBICSPLINE":  # tangents around each value; straight lines between the values come close
         value = value[1::3]
     if len(time) != len(value) or (np.diff(time) <= 0).any() or not np.isfinite(value).all():
         raise ValueError("an animation's keys are not in order, or not finite")
-    when = np.clip(when, time[0], time[-1])
-    before = np.clip(np.searchsorted(time, when, side="right") - 1, 0, max(len(time) - 2, 0))
-    after = np.minimum(before + 1, len(time) - 1)
-    gap = np.where(after > before, time[after] - time[before], 1.0)
-    share = np.clip((when - time[before]) / gap, 0.0, 1.0)[:, None]
     if how == "STEP":
-        share = np.floor(share)
-    first, second = value[before], value[after]
-    if path != "rotation":
-        return (1 - share) * first + share * second
-    cosine = (first * second).sum(axis=1, keepdims=True)
-    second, cosine = np.where(cosine < 0, -second, second), np.minimum(np.abs(cosine), 1.0)
-    angle = np.arccos(cosine)
-    sine = np.where(angle > 1e-6, np.sin(angle), 1.0)
-    near = np.where(angle > 1e-6, np.sin((1 - share) * angle) / sine, 1 - share)
-    far = np.where(angle > 1e-6, np.sin(share * angle) / sine, share)
-    return near * first + far * second
+        return value[np.maximum(np.searchsorted(time, when, side="right") - 1, 0)]
+    if path == "rotation" and len(time) > 1:
+        return Slerp(time, Rotation.from_quat(value))(np.clip(when, time[0], time[-1])).as_quat()
+    return np.stack([np.interp(when, time, column) for column in value.T], axis=1)
 
 
 def _local_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.ndarray:

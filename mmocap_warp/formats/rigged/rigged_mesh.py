@@ -1,9 +1,12 @@
 """A character or a robot as its file has it: joints, where they are bound, skin that follows them, and motions."""
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+
+from mmocap_warp.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,19 @@ def parents_first(parent: list[int]) -> list[int]:
             placed[each] = True
             order.append(each)
     return order
+
+
+def chosen_character(names: list[tuple[str, ...]], named: str | None, path: Path) -> int:
+    """The number of the character that is meant, of those that a file holds, each of which has some names.
+
+    Raises:
+        InputError: there is none of that name, or no name and several characters.
+    """
+    chosen = [i for i, own in enumerate(names) if named is None or named in own]
+    if len(chosen) == 1:
+        return chosen[0]
+    problem = f"holds {len(names)} characters" + ("" if named is None else f", and not one that is called '{named}'")
+    raise InputError(path, problem, f"choose one with --character: {', '.join(own[0] for own in names)}")
 
 
 class Skin(NamedTuple):

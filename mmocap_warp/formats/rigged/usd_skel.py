@@ -6,7 +6,15 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, Skin, joined_parts, reorder
+from mmocap_warp.formats.rigged.rigged_mesh import (
+    JointAxis,
+    RiggedMesh,
+    RiggedMotion,
+    Skin,
+    chosen_character,
+    joined_parts,
+    reorder,
+)
 from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd
 
 _REMEDY = "export the character with its UsdSkel skeleton and skin"
@@ -17,8 +25,8 @@ _UPRIGHT = np.array([(1.0, 0, 0, 0), (0, 0, -1, 0), (0, 1, 0, 0), (0, 0, 0, 1)])
 
 
 @reads_usd
-def read_usd_skel(path: str | Path) -> RiggedMesh:
-    """Read the skeleton that most skin is bound to, with that skin and its animation.
+def read_usd_skel(path: str | Path, character: str | None = None) -> RiggedMesh:
+    """Read a skeleton with its skin and animation; of several that of a name, which is its own or that above it.
 
     A ``PhysicsRevoluteJoint`` or ``PhysicsPrismaticJoint`` named like a joint of the skeleton gives that joint's axis
     and limits.
@@ -33,7 +41,8 @@ def read_usd_skel(path: str | Path) -> RiggedMesh:
                 bound.setdefault(str(skeleton.GetPath()), []).append(UsdGeom.Mesh(prim))
     if not bound:
         raise InputError(path, "holds no mesh that is bound to a UsdSkel skeleton", _REMEDY)
-    chosen = max(bound, key=lambda name: sum(len(mesh.GetPointsAttr().Get() or ()) for mesh in bound[name]))
+    names = [(place.split("/")[-2] or place[1:], place.split("/")[-1], place) for place in bound]
+    chosen = list(bound)[chosen_character(names, character, path)]
     try:
         return _read_character(stage, UsdSkel.Skeleton.Get(stage, chosen), bound[chosen], path)
     except (ValueError, IndexError, TypeError) as error:

@@ -214,6 +214,9 @@ def _check_names(names: list[str], source: Path, folder: Path, seen: set[Path]) 
 def _absolute_names(layer: Sdf.Layer, path: Path) -> list[str]:
     """The names of all other files in a layer, which are made absolute there."""
     names: list[str] = []
+    if layer.GetFileFormat().IsPackage():  # which cannot be changed; what it packs is named as if it lay beside it
+        layer, packed = Sdf.Layer.CreateAnonymous(), layer
+        layer.TransferContent(packed)
 
     def absolute(name: str) -> str:
         names.append(os.path.join(path.resolve().parent, name))

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from made_up_rigs import write_creature
+from made_up_rigs import JOINTS, write_creature
 
 from mmocap_warp.body.mesh_pieces import is_closed
+from mmocap_warp.cli import main
 from mmocap_warp.formats.rigged.gltf import read_gltf
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.kernels.contour import descent
@@ -35,6 +36,50 @@ def changed_glb(path: Path, change) -> Path:
     rest = struct.pack("<II", len(text), 0x4E4F534A) + text + data[20 + size :]
     path.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(rest)) + rest)
     return path
+
+
+def with_a_twin(document: dict) -> None:
+    """Another creature stands beside the first, and nods at another time; one node above both is no joint."""
+    nodes, count = document["nodes"], len(document["nodes"])
+    for node in list(nodes):
+        twin = dict(node)
+        twin["name"] = f"Twin's {node['name']}"
+        twin["children"] = [child + count for child in node.get("children", [])]
+        nodes.append(twin | ({"skin": 1} if "skin" in node else {}))
+    nodes[count]["translation"] = [3.0, 0.0, 0.0]
+    nodes.append({"name": "Scene", "children": [0, count - 1, count, 2 * count - 1]})
+    skin = document["skins"][0]
+    document["skins"].append({**skin, "joints": [joint + count for joint in skin["joints"]]})
+    nod = document["animations"][0]
+    channels = [
+        {**each, "target": {**each["target"], "node": each["target"]["node"] + count}} for each in nod["channels"]
+    ]
+    document["animations"].append({**nod, "name": "TwinNod", "channels": channels})
+
+
+def test_of_two_characters_in_a_file_one_is_named(tmp_path: Path, capsys) -> None:
+    file, output = changed_glb(write_creature(tmp_path / "two.glb"), with_a_twin), str(tmp_path / "one.usda")
+    assert main(["body", "import", str(file), "-o", output]) == 3
+    assert "holds 2 characters; choose one with --character: Creature, Twin's Creature" in capsys.readouterr().err
+    assert main(["body", "import", str(file), "-o", output, "--character", "Creatur"]) == 3
+    assert "and not one that is called 'Creatur'" in capsys.readouterr().err
+    assert main(["body", "import", str(file), "-o", output, "--character", "Twin's Creature"]) == 0
+    twin, alone = read_gltf(file, "Twin's Creature"), creature(tmp_path)
+    assert twin.joints == tuple(f"Twin's {name}" for name in alone.joints)
+    assert list(twin.motions) == ["TwinNod"]
+    np.testing.assert_allclose(twin.vertex, alone.vertex + np.array([3.0, 0.0, 0.0]), atol=1e-6)
+
+
+def test_two_skins_on_joints_of_one_tree_are_one_character(tmp_path: Path) -> None:
+    def on_its_head(document: dict) -> None:
+        with_a_twin(document)
+        twin = document["nodes"][-1]["children"].pop(2)
+        document["nodes"][list(JOINTS).index("head")].setdefault("children", []).append(twin)
+
+    mesh = read_gltf(changed_glb(write_creature(tmp_path / "tall.glb"), on_its_head))
+    assert mesh.name == "Creature"
+    assert len(mesh.joints) == 2 * len(JOINTS)
+    assert list(mesh.motions) == ["Nod", "TwinNod"]
 
 
 def test_feet_that_hang_on_the_root_are_hung_on_what_they_move_with(tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def test_vertices_without_weights_follow_the_nearest_that_have_some(tmp_path: Pa
 def test_a_body_that_its_own_motions_contradict_is_not_written(tmp_path: Path, capsys, monkeypatch) -> None:
     """The head leaves the body in every frame, and moves with nothing else."""
 
-    def with_a_loose_head(path: Path) -> RiggedMesh:
+    def with_a_loose_head(path: Path, _: str | None) -> RiggedMesh:
         mesh = read_gltf(path)
         motion = swinging(mesh)
         head = [joint for joint, name in enumerate(mesh.joints) if name.startswith("head")]

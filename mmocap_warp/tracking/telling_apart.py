@@ -74,8 +74,8 @@ def first_observations(scene: Scene, scale: float) -> list[Observation]:
     seen = [[view == 1 + number for view in made] for number in range(count)]
     common = [[sum(np.count_nonzero(a & b) for a, b in zip(own, each, strict=True)) for each in seen] for own in masks]
     _, chosen = linear_sum_assignment(common, maximize=True)
-    unsure = [thing | (view == UNDECIDED) for thing, view in zip(things, made, strict=True)]
-    return [*_observations([seen[number] for number in chosen], unsure)]
+    hides = [thing | (view == UNDECIDED) for thing, view in zip(things, made, strict=True)]
+    return [*_observations([seen[number] for number in chosen], hides)]
 
 
 def _frames(scene: Scene, scale: float) -> Iterator[tuple[tuple[Masks, ...], Masks, Masks]]:

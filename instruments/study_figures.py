@@ -1,8 +1,5 @@
 """The figures of docs/study, from its data: ``python instruments/study_figures.py`` writes docs/study/README.md anew.
 
-``python instruments/study_figures.py RESULTS...`` first puts cells that ``mmocap study run`` wrote into results.csv, in
-place of those that it has of them.
-
 docs/study/README.in is that page with ``{{FUNCTION WORD ...}}`` in place of each figure. A function is a method of
 ``StudyFigures``. Its words choose cells in any order: a sequence, ``nine`` or ``strangers``; an algorithm or ``eight``;
 28 or 39 degrees of freedom; evaluations; a preset of radii; and beside them a column of results.csv and decimals such
@@ -14,7 +11,7 @@ from __future__ import annotations
 import csv
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -22,18 +19,15 @@ from pathlib import Path
 
 import numpy as np
 from paper_claims import CLAIMS, Finding, check_claims
+from study_cells import FOLDER, read_rows
 
-from mmocap_warp.errors import InputError
 from mmocap_warp.study import statistics
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.paper import ALGORITHM_ORDER, GRID_EVALUATIONS, average_ranks, printed_ranks
-from mmocap_warp.study.report_build import csv_table
 from mmocap_warp.study.report_setting import pace_of
-from mmocap_warp.study.store import read_results
 from mmocap_warp.study.study_tables import Ranking, by_algorithm, by_model, model_differences
 from mmocap_warp.study.summary import MEASURE_OF, CellSummary, Contender, Measure, StudySummary, algorithm_label
 
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "study"
 NINE = tuple(f"S{subject}/{action}" for action in ("Walking", "Gestures", "Box") for subject in (1, 2, 3))
 STRANGERS = ("Child/Walking", "Uneven/Walking", "Skirt/Walking")
 GROUPS = {"eight": ALGORITHM_ORDER, "nine": NINE, "strangers": STRANGERS}
@@ -41,9 +35,8 @@ PRESETS = ("recording", "common", "paper-rotation", "paper-translation", "paper"
 EVALUATIONS_OF = {"search-contour": 120, "contour": 0}
 """Of the trackers that have one budget."""
 
-FIRST_DAY = "2026-11-22"
-"""When most cells were tracked."""
-
+FIRST_COMMIT = "58249c3"
+"""The one that tracked most cells."""
 
 _SHOWN = (
     *product(("search-contour+solved", "search-contour"), (39,), (120,)),
@@ -80,8 +73,7 @@ class StudyFigures:
     """
 
     def __init__(self, folder: Path = FOLDER) -> None:
-        with (folder / "results.csv").open(encoding="utf-8", newline="") as lines:
-            self.rows = {_cell(row): row for row in csv.DictReader(lines)}
+        self.rows = read_rows(folder)
         with (folder / "times.csv").open(encoding="utf-8", newline="") as lines:
             times = list(csv.DictReader(lines))
         self.times = {(row["algorithm"], int(row["evaluations"])): row["ms_a_frame"] for row in times}
@@ -137,14 +129,16 @@ class StudyFigures:
         return str(sum(cell not in self.rows for cell in self.choose(words).cells))
 
     def later(self) -> str:
-        """Which cells are not of the first day, in words."""
-        rows = [row for row in self.rows.values() if not row["started"].startswith(FIRST_DAY)]
-        eight = [row for row in rows if row["algorithm"] in ALGORITHM_ORDER]
-        if len(eight) < len(rows):
-            raise ValueError("our own trackers were tracked again: say so on the page")
-        devices = " and ".join(sorted({row["device"] for row in eight}))
-        commits = "241469fc, PSO on S1/Walking and S3/Box 37f59d9c"
-        return f"{len(eight)} cells with 3000 evaluations and 28 degrees of freedom ({commits}, 25 November, {devices})"
+        """Which cells are not of the first commit, in words."""
+        texts = []
+        for commit in sorted({row["commit"] for row in self.rows.values()} - {FIRST_COMMIT}):
+            rows = {cell: row for cell, row in self.rows.items() if row["commit"] == commit}
+            eight = sum(cell.algorithm in ALGORITHM_ORDER for cell in rows)
+            whose = [f"{eight} of the eight"] * (eight > 0) + [f"{len(rows) - eight} of ours"] * (eight < len(rows))
+            days = " and ".join(sorted({row["started"][:10] for row in rows.values()}))
+            devices = " and ".join(sorted({row["device"] for row in rows.values()}))
+            texts.append(f"{' and '.join(whose)} ({commit}, {days}, {devices})")
+        return _listed(texts)
 
     def not_run(self) -> str:
         """A sentence on the eight's missing cells, all with 3000 evaluations and 28 degrees of freedom."""
@@ -412,10 +406,6 @@ class StudyFigures:
         return next(each for each in self._findings if each.claim in texts and by.lower() in each.by.lower())
 
 
-def _cell(row: dict[str, str]) -> Cell:
-    return Cell(row["sequence"], row["algorithm"], int(row["dof"]), int(row["evaluations"]), row["preset"])
-
-
 def _measure_of(column: str) -> Measure:
     return next(MEASURE_OF[key] for key in sorted(MEASURE_OF, key=len, reverse=True) if column.startswith(key))
 
@@ -466,26 +456,8 @@ def study_page(folder: Path = FOLDER) -> str:
     return StudyFigures(folder).fill((FOLDER / "README.in").read_text(encoding="utf-8"))
 
 
-def add_cells(folders: Sequence[str]) -> None:
-    """Put the cells of folders into results.csv."""
-    results = [result for folder in folders for result in read_results(folder)]
-    damaged = [result for result in results if isinstance(result, InputError)]
-    if damaged:
-        raise damaged[0]
-    lines: dict[Cell, dict[str, str]] = {}
-    for text in ((FOLDER / "results.csv").read_text(encoding="utf-8"), csv_table(StudySummary.of(results))):
-        lines |= {_cell(line): line for line in csv.DictReader(text.splitlines())}
-    fields = list(next(iter(lines.values())))
-    with (FOLDER / "results.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, fields, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(line for _, line in sorted(lines.items()))
-
-
-def main(folders: Sequence[str]) -> int:
+def main() -> int:
     """Write the page."""
-    if folders:
-        add_cells(folders)
     (FOLDER / "README.md").write_text(study_page(), encoding="utf-8")
     have = StudyFigures().have("eight", "500", "1500", "3000", "39", "28")
     paper = FOLDER.parents[1] / "paper" / "paper.md"
@@ -494,4 +466,4 @@ def main(folders: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -7,8 +7,6 @@ import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from os import SEEK_END
-from threading import Lock
 from typing import Any, Self
 
 import cv2
@@ -125,14 +123,13 @@ _LEVEL = 1  # a mask of 640 x 480 takes 1 to 2 KB, in 0.1 ms; higher levels brin
 class KeptObservations:
     """Consecutive frames' masks, compressed, in the order in which they were added; to be used in a ``with``.
 
-    They may be read by one thread while another one adds to them. Where the temporary file cannot grow, none are kept.
+    Where the temporary file cannot grow, none are kept.
     """
 
     def __init__(self) -> None:
         self._file = tempfile.SpooledTemporaryFile(_IN_MEMORY)  # noqa: SIM115  __exit__ closes it
         self._frames: list[tuple[int, Observation]] = []  # its length in the file, and the rest of it
         self._full = False
-        self._lock = Lock()
 
     def __enter__(self) -> Self:
         return self
@@ -146,11 +143,8 @@ class KeptObservations:
             return
         try:
             hidden = b"" if observation.hidden is None else observation.hidden.tobytes()
-            packed = zlib.compress(observation.words.tobytes() + hidden, _LEVEL)
-            with self._lock:
-                self._file.seek(0, SEEK_END)
-                length = self._file.write(packed)
-                self._file.flush()  # else a full disk is noticed too late to read the masks again
+            length = self._file.write(zlib.compress(observation.words.tobytes() + hidden, _LEVEL))
+            self._file.flush()  # else a full disk is noticed too late to read the masks again
         except OSError:  # no room
             self._frames.clear()
             self._full = True
@@ -171,12 +165,8 @@ class KeptObservations:
         return len(self._frames)
 
     def __iter__(self) -> Iterator[Observation]:
-        """The frames, each with the bits it was added with."""
-        place = 0
+        """The frames, each with the bits it was added with. One iteration at a time."""
+        self._file.seek(0)
         for length, frame in self._frames:
-            with self._lock:
-                self._file.seek(place)
-                packed = self._file.read(length)
-            place += length
-            words = np.frombuffer(zlib.decompress(packed), "<u4").reshape(-1, *frame.words.shape)
+            words = np.frombuffer(zlib.decompress(self._file.read(length)), "<u4").reshape(-1, *frame.words.shape)
             yield replace(frame, words=words[0], hidden=None if frame.hidden is None else words[1])

@@ -19,7 +19,6 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
@@ -35,7 +34,6 @@ from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.holes import HOLE_SECONDS, with_holes
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
-from mmocap_warp.tracking.smoothing_beside import SmoothingBeside
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.versions import versions
@@ -182,43 +180,25 @@ def track(
             return silhouettes_of(poses[place - 1] if place < len(poses) else tracker.state.pose)
 
         observations = islice(with_holes(observations, scene.rate, body_before), len(again), None)
-        # Smooth meanwhile, where there are cores for both.
-        beside = None
-        cores = 1 if tracker.device != "cpu" else config.threads or available_threads()
-        if config.acceleration and cores > 1 and not answers:
-            unknown = np.full((config.runs, len(rig)), np.nan)
-            blank = FrameAnswer(tracker.state.pose, unknown[:, 0], unknown, 0, STATUS.index("lost"), 0.0)
-            room = collect(subject, rig, scene.fps, config, [blank] * scene.frame_count, scene.frames)
-            beside = SmoothingBeside(room, config, kept)
-        with beside or nullcontext():
-            with saved or nullcontext():
-                for answer in track_frames(tracker, observations, first=done, saved=saved, progress=progress):
-                    answers.append(answer)
-                    if beside:
-                        beside.add(answer)
-            result = collect(subject, rig, scene.fps, config, answers, scene.frames)
-            complete = len(kept) == len(answers)
+        with saved or nullcontext():
+            answers += track_frames(tracker, observations, first=done, saved=saved, progress=progress)
+        result = collect(subject, rig, scene.fps, config, answers, scene.frames)
 
-            # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk
-            # had no room for, are read again.
-            def masks() -> Iterable[Observation]:
-                return kept if complete else tracked_observations(scene, result)
+        # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
+        # no room for, are read again.
+        def masks() -> Iterable[Observation]:
+            return kept if len(kept) == len(answers) else tracked_observations(scene, result)
 
-            finished = _finished(result, config, masks, smooth_progress, beside if complete else None)
+        finished = _finished(result, config, masks, smooth_progress)
         return replace(finished.in_unit(1 / unit), **given)
 
 
 def _finished(
-    result: Result,
-    config: TrackConfig,
-    masks: Callable[[], Iterable[Observation]],
-    progress: SmoothReport | None,
-    beside: SmoothingBeside | None = None,
+    result: Result, config: TrackConfig, masks: Callable[[], Iterable[Observation]], progress: SmoothReport | None
 ) -> Result:
     """The track, smoothed where that is wanted, and what the masks, read anew each time, say about it.
 
-    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen. What smoothed the
-    track ``beside`` knew of neither: it holds where there are none.
+    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen.
     """
     repeated = repeated_views(read_ahead(masks()))
     at_once = np.logical_and.reduce(repeated, axis=1)
@@ -238,10 +218,7 @@ def _finished(
         return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if numbers else seen
 
     if config.acceleration:
-        if beside and not repeated.any():
-            result = beside.of(result, progress)
-        else:
-            result = smoothed(result, config, shown(), progress)
+        result = smoothed(result, config, shown(), progress)
         gc.collect()  # what was smoothed holds itself, and with it the fields of a window
     return with_evidence(result, config, shown())
 

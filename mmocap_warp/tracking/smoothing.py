@@ -95,59 +95,43 @@ def smoothed(
 
     A window of masks is held at a time, after each of which ``progress`` is called. ``mending`` says which frames are
     held, and what was clicked in the others; there is no second opinion then.
-
-    The track may still grow: of a frame nothing is looked at before the masks of the frame were read, but for its pose,
-    which is looked at when those of the frame before were.
     """
-    return ClipSmoother(raw, config, observations, mending).run(progress)
-
-
-class ClipSmoother:
-    """What :func:`smoothed` takes to its work: made first, and run once."""
-
-    def __init__(
-        self, raw: Result, config: TrackConfig, observations: Iterable[Observation], mending: Mending | None = None
-    ) -> None:
-        self._raw, self._masks = raw, _MaskWindow(raw, config, observations)
-        self._runs = [_RunSmoother(raw, config, self._masks, run, mending) for run in range(len(raw.pose))]
-
-    def run(self, progress: SmoothReport | None = None) -> Result:
-        """See :func:`smoothed`."""
-        started, raw, masks, runs = time.perf_counter(), self._raw, self._masks, self._runs
-        done, cost, iou = 0, np.empty_like(raw.cost), np.empty_like(raw.iou)
-        # All runs go from window to window together, because the masks are read once.
-        for windows in zip(*(run.windows for run in runs), strict=True):
-            for run, window in zip(runs, windows, strict=True):
-                run.finish(window)
-            # A repeated mask is of another time: what its frame had before stays.
-            final = np.arange(done, done + windows[0].final)
-            cost[:, final], iou[:, final] = raw.cost[:, final], raw.iou[:, final]
-            for frame in final[raw.status[0, final] != _REPEATED].tolist():
-                poses = np.stack([run.pose[frame] for run in runs])
-                cost[:, frame], iou[:, frame] = masks.judged(frame, poses)
-                for run, overlaps in zip(runs, iou, strict=True):
-                    run.look(frame, overlaps)
-            done += windows[0].final
-            if progress:
-                progress(done)
-        # Which limbs are in doubt is judged anew: the clip may have found what its frames had lost.
-        doubt = np.stack([run.parts_in_doubt() for run in runs])
-        status = _with_interpolated(raw.status)
-        in_all_views = np.isfinite(raw.iou).all(axis=2)
-        status = np.where((status == _PARTIAL) & in_all_views, _TRACKED, status)
-        doubtful = doubt.any(axis=2) & np.isin(status, (_TRACKED, STATUS.index("rescued")))
-        seconds = time.perf_counter() - started - masks.reading
-        return replace(
-            raw,
-            pose=np.stack([run.pose for run in runs]),
-            cost=cost,
-            iou=iou,
-            status=np.where(doubtful, _PARTIAL, status).astype(np.int8),
-            seconds=raw.seconds + seconds,
-            raw_pose=raw.pose,
-            angle_sigma=np.stack([run.sigma.pose for run in runs]),
-            joint_sigma=np.stack([run.sigma.joint for run in runs]),
-        )
+    started = time.perf_counter()
+    masks = _MaskWindow(raw, config, observations)
+    runs = [_RunSmoother(raw, config, masks, run, mending) for run in range(len(raw.pose))]
+    done, cost, iou = 0, raw.cost.copy(), raw.iou.copy()
+    # All runs go from window to window together, because the masks are read once.
+    for windows in zip(*(run.windows for run in runs), strict=True):
+        for run, window in zip(runs, windows, strict=True):
+            run.finish(window)
+        # A repeated mask is of another time: what its frame had before stays.
+        final = np.arange(done, done + windows[0].final)
+        for frame in final[raw.status[0, final] != _REPEATED].tolist():
+            poses = np.stack([run.pose[frame] for run in runs])
+            cost[:, frame], iou[:, frame] = masks.judged(frame, poses)
+            for run, overlaps in zip(runs, iou, strict=True):
+                run.look(frame, overlaps)
+        done += windows[0].final
+        if progress:
+            progress(done)
+    # Which limbs are in doubt is judged anew: the clip may have found what its frames had lost.
+    doubt = np.stack([run.parts_in_doubt() for run in runs])
+    status = _with_interpolated(raw.status)
+    in_all_views = np.isfinite(raw.iou).all(axis=2)
+    status = np.where((status == _PARTIAL) & in_all_views, _TRACKED, status)
+    doubtful = doubt.any(axis=2) & np.isin(status, (_TRACKED, STATUS.index("rescued")))
+    seconds = time.perf_counter() - started - masks.reading
+    return replace(
+        raw,
+        pose=np.stack([run.pose for run in runs]),
+        cost=cost,
+        iou=iou,
+        status=np.where(doubtful, _PARTIAL, status).astype(np.int8),
+        seconds=raw.seconds + seconds,
+        raw_pose=raw.pose,
+        angle_sigma=np.stack([run.sigma.pose for run in runs]),
+        joint_sigma=np.stack([run.sigma.joint for run in runs]),
+    )
 
 
 class _MaskWindow:
@@ -192,13 +176,10 @@ class _MaskWindow:
         self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray, neighbours: Neighbours
     ) -> NormalEquations:
         """What the contours say about frames of the window, or further on; nothing about those not ``seen``."""
-        return self._fitter.linearise(frames % self._places, rooted, neighbours).of_seen(seen)
-
-    def read_until(self, end: int) -> None:
-        """Read the frames up to ``end``, each into the place of the oldest one."""
-        while self._read < end:
+        while self._read <= frames[-1]:
             to_end = self._places - self._read % self._places
-            self._observe(min(_OBSERVED, to_end, end - self._read))
+            self._observe(min(_OBSERVED, to_end, int(frames[-1]) + 1 - self._read))
+        return self._fitter.linearise(frames % self._places, rooted, neighbours).of_seen(seen)
 
     def descend(
         self, frames: np.ndarray, starts: RootedPoses, neighbours: Neighbours
@@ -274,10 +255,9 @@ class _RunSmoother:
         subject, track = raw.subject, raw.pose[run]
         skeleton = subject.body.skeleton
         self._masks, self._rate = masks, raw.rate
-        self._raw, self._run, self._tracked = raw, run, np.zeros(len(track), bool)
+        self._tracked = ~np.isin(raw.status[run], (_LOST, _REPEATED))
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
-        self._known = self._rooting.enter(np.zeros_like(track))  # poses as they were linearised last
-        self._known_until = 0
+        self._known = self._rooting.refold(self._rooting.enter(track))  # poses as they were linearised last
         self._skeleton, self._size = skeleton, subject.body.relative_size
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
@@ -291,9 +271,9 @@ class _RunSmoother:
         )  # fmt: skip
         opinion = None if mending else backward
         problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, opinion, masks.band)
-        self._has_masks = np.zeros(len(track), bool)
+        has_masks = np.isfinite(raw.iou).any(axis=(0, 2)) & (raw.status[0] != _REPEATED)
         acceleration = config.acceleration or ACCELERATION
-        self.windows = problem.windows(self, coarse_then_fine(acceleration), self._has_masks)
+        self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(acceleration), has_masks)
 
         # How sure the poses are: noise from frame to frame, and a body that is not quite the right one.
         far = departure(subject.provenance)
@@ -305,35 +285,22 @@ class _RunSmoother:
         self._widest[masks.searched] = self._rooting.anywhere
         self._usual_misfit = USUAL_MISFIT * subject.body.relative_size
 
+        # Which parts are in doubt: all before a lost end that shows somebody, others by what the body leaves uncovered.
+        end = int(np.flatnonzero(self._tracked).max(initial=-1)) + 1
+        lost = (raw.status[run, end:] == _LOST) & np.isfinite(raw.iou[run, end:]).any(axis=1)
+        self._drifting = slice(max(0, end - round(_DRIFT * raw.rate)) if lost.any() else end, end)
         self._looks: dict[int, np.ndarray] = {}
         self._look_interval = look_interval(raw.rate, final=True)
 
         self._finished = 0
-        self.pose = np.zeros_like(track)
+        self._last_angles = track[0, ROOT_ANGLES]
+        self.pose = track.copy()
         self.sigma = Uncertainty(np.zeros_like(track), np.zeros((len(track), len(skeleton.joints), 3)))
-
-    def __len__(self) -> int:
-        return len(self.pose)
-
-    def __getitem__(self, frames: slice) -> RootedPoses:
-        """The poses of frames as they were tracked, whose masks are read first."""
-        self._masks.read_until(frames.stop)
-        raw, run = self._raw, self._run
-        self._tracked[frames] = ~np.isin(raw.status[run, frames], (_LOST, _REPEATED))
-        seen = np.isfinite(raw.iou[:, frames]).any(axis=(0, 2))
-        self._has_masks[frames] = seen & (raw.status[0, frames] != _REPEATED)
-        # The pose after them is known too: it tells how the body moves in the last of them.
-        new = slice(self._known_until, min(frames.stop + 1, len(self)))
-        rooted = self._rooting.refold(self._rooting.enter(raw.pose[run, new]))
-        self._known.base[new], self._known.pose[new] = rooted.base, rooted.pose
-        self._known_until = new.stop
-        return self._rooting.enter(raw.pose[run, frames])
 
     def finish(self, window: SolvedWindow) -> None:
         """Take over the next window's final frames."""
         frames = slice(self._finished, self._finished + window.final)
-        before = self.pose[frames.start - 1] if frames.start else self._raw.pose[self._run, 0]
-        self.pose[frames] = self._rooting.leave(window.rooted[: window.final], before[ROOT_ANGLES])
+        self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last_angles)
         contour = window.contour
         if self._mending:  # what holds frames is no contour
             shown = self._finished + np.arange(len(window.rooted))
@@ -344,6 +311,7 @@ class _RunSmoother:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
             sigma.pose[:, :TRANSLATION] = sigma.joint[:, 0]  # the root's place
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
+        self._last_angles = self.pose[frames.stop - 1, ROOT_ANGLES]
         self._finished = frames.stop
 
     def look(self, frame: int, overlap: np.ndarray) -> None:
@@ -365,11 +333,7 @@ class _RunSmoother:
         unsure = (self.sigma.joint.max(axis=2) > _UNSURE * self._size) & self._masks.holed[:, None]
         for joint, part in enumerate(self._skeleton.part):
             doubt[:, part] |= unsure[:, joint]
-        # A clip's end that is lost though it shows somebody: the frames before drifted off.
-        end = int(np.flatnonzero(self._tracked).max(initial=-1)) + 1
-        lost = (self._raw.status[self._run, end:] == _LOST) & np.isfinite(self._raw.iou[self._run, end:]).any(axis=1)
-        if lost.any():
-            doubt[max(0, end - round(_DRIFT * self._rate)) : end] = True
+        doubt[self._drifting] = True
         wide = doubt[:, np.array(self._skeleton.part)]  # (frame, joint)
         least = np.where(wide, WIDE_SIGMA * self._size, 0.0)[:, :, None]
         self.sigma.joint[:] = np.maximum(self.sigma.joint, least)

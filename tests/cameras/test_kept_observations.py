@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +47,6 @@ def test_where_there_is_no_room_none_are_kept(monkeypatch):
             if self.writes == 2:
                 raise OSError(28, "No space left on device")
             return len(data)
-
-        def seek(self, *place: int) -> None: ...
 
         def flush(self) -> None: ...
 
@@ -96,14 +93,3 @@ def test_reading_ahead_gives_the_same_frames_and_then_the_error_of_the_one_that_
     stopped.close()
     assert threading.active_count() == threads
     assert len(read) < 7 + 20
-
-
-def test_frames_are_read_while_others_are_added():
-    frames = [Observation.from_masks([np.random.default_rng(n).random((24, 40)) > 0.5]) for n in range(4)]
-    with KeptObservations() as kept:
-        kept.add(frames[0])
-        reader = iter(kept)
-        for before, frame in pairwise(frames):
-            kept.add(frame)
-            np.testing.assert_array_equal(next(reader).words, before.words)
-        np.testing.assert_array_equal(next(reader).words, frames[-1].words)

@@ -17,7 +17,7 @@ from mmocap_warp.body.posing import joint_positions
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.contour.clip import clip_problem as clip
 from mmocap_warp.formats.usd.usd_body import read_subject
-from mmocap_warp.masks.observation import KeptObservations, Observation
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene
@@ -26,7 +26,6 @@ from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.frame_loop import collect, track, track_observations
 from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.smoothing import smoothed
-from mmocap_warp.tracking.smoothing_beside import SmoothingBeside
 from mmocap_warp.tracking.track_config import TrackConfig
 
 RIG = ring_rig(cameras=4, size=(240, 180))
@@ -281,52 +280,3 @@ def test_interrupted_while_it_is_smoothed_a_run_ends_with_the_same_bits(walk, tm
         again = track(scene, subject, config, checkpoint=path, resume=True)
     for name in ("pose", "raw_pose", "cost", "iou", "status", "angle_sigma", "joint_sigma"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(again, name), err_msg=name)
-
-
-TWO_THREADS = replace(CONFIG, threads=2)
-
-
-def answers_of(track: Result) -> list[FrameAnswer]:
-    arrays = (np.moveaxis(each, 1, 0) for each in (track.pose, track.cost, track.iou, track.status))
-    return [FrameAnswer(pose, cost, iou, 1, status, 0.0) for pose, cost, iou, status in zip(*arrays, strict=True)]
-
-
-def room_for(track: Result) -> Result:
-    """As many frames, of which nothing is known: what is read too early is wrong."""
-    nothing = {name: np.full_like(getattr(track, name), np.nan) for name in ("pose", "cost", "iou")}
-    return replace(track, status=np.full_like(track.status, STATUS.index("lost")), **nothing)
-
-
-@pytest.fixture
-def short_windows(monkeypatch):
-    for module in clip, smoothing:
-        monkeypatch.setattr(module, "WINDOW", 8 / FPS)
-        monkeypatch.setattr(module, "AHEAD", 2 / FPS)
-    monkeypatch.setattr(clip, "OVERLAP", 3 / FPS)
-
-
-@pytest.mark.parametrize("lost", [(), (5, 6, 20, 23)])
-def test_the_bits_are_those_of_a_complete_track(short_windows, lost):
-    track, seen = rough_track(lost=lost), swinging()[1]
-    whole = smoothed(track, TWO_THREADS, seen)
-    finals: list[int] = []
-    with KeptObservations() as kept, SmoothingBeside(room_for(track), TWO_THREADS, kept) as beside:
-        for observation, answer in zip(seen, answers_of(track), strict=True):
-            kept.add(observation)
-            beside.add(answer)
-        result = beside.of(track, finals.append)
-    for name, array in whole.arrays.items():
-        np.testing.assert_array_equal(getattr(result, name), array, err_msg=name)
-    assert finals[-1] == FRAMES
-    assert len(finals) > 2
-
-
-def test_a_run_that_ends_early_leaves_no_thread_waiting(short_windows):
-    track, seen = rough_track(), swinging()[1]
-    with KeptObservations() as kept, SmoothingBeside(room_for(track), TWO_THREADS, kept) as beside:
-        for observation, answer in zip(seen[:4], answers_of(track)[:4], strict=True):
-            kept.add(observation)
-            beside.add(answer)
-    assert beside._thread._shutdown
-    with pytest.raises(InterruptedError):
-        beside._smoothed.result(timeout=60)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -44,14 +43,6 @@ def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
     return Pass(max(acceleration, COARSE_ACCELERATION), 4), Pass(acceleration, 3)
 
 
-class Course(Protocol):
-    """The poses of a clip; some may still be on their way when it is made."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, frames: slice) -> RootedPoses: ...
-
-
 @dataclass(frozen=True, eq=False)
 class SolvedWindow:
     """Consecutive frames that were solved together."""
@@ -74,38 +65,35 @@ class ClipProblem:
     band: DeviceBand | None = None  # solves steps on a GPU; None for NumPy, on a CPU twenty times as fast
 
     def windows(
-        self, course: Course, passes: tuple[Pass, ...] = coarse_then_fine(), shows: np.ndarray | None = None
+        self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine(), shows: np.ndarray | None = None
     ) -> Iterator[SolvedWindow]:
         """The clip's poses in windows of frames that are solved in turn, so that memory does not grow with the clip.
 
         All but a window's end is final: the next window starts from there, with its last poses held. A window may end
-        after frames that ``shows`` (frame,) bool names; where it is None, after those that show anything. A frame of
-        the ``course`` is asked for once, when its window is solved.
+        after frames that ``shows`` (frame,) bool names; where it is None, after those that show anything.
         """
         window, overlap, ahead = (round(time * self.rate) for time in (WINDOW, OVERLAP, AHEAD))
-        first, held, rooted = 0, self.rooting.none, self.rooting.none  # rooted: poses from the first frame on
-        while first < len(course):
+        first, held = 0, self.rooting.none
+        while first < len(rooted):
             # Solve the window.
-            last = min(first + window, len(course))
-            rooted = rooted.followed_by(course[first + len(rooted) : last])
-            count = last - first
+            last = min(first + window, len(rooted))
             frames = np.arange(first, last)
-            solved, contour = self.solved_together(frames, rooted[:count], held, passes)
+            solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
             # Follow it backwards from beyond its end; where that finds better poses, solve it anew from these.
             if self.backward:
-                beyond = min(last + ahead, len(course))
-                rooted = rooted.followed_by(course[first + len(rooted) : beyond])
-                known = solved.followed_by(rooted[count:])
+                beyond = min(last + ahead, len(rooted))
+                known = solved.followed_by(rooted[last:beyond])
                 revised = self.backward.revised(np.arange(first, beyond), known, held)
                 if revised is not known:
-                    rooted = revised
-                    solved, contour = self.solved_together(frames, rooted[:count], held, passes)
+                    rooted = rooted[:first].followed_by(revised, rooted[beyond:])
+                    solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
             # Its end is solved once more with the frames that follow.
-            final = count
-            if last < len(course):
+            final = last - first
+            if last < len(rooted):
                 final = _final_frames(contour.observed if shows is None else shows[first:last], overlap)
+                rooted = rooted[: first + final].followed_by(solved[final:], rooted[last:])
             yield SolvedWindow(solved, contour, final)
-            first, rooted = first + final, solved[final:].followed_by(rooted[count:])
+            first += final
             held = held.followed_by(solved[:final])[-HELD:]
 
     def solved_together(

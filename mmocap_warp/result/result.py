@@ -139,7 +139,7 @@ class Result:
         if unit == 1:
             return self
         coordinates = self.subject.body.skeleton.units(unit)
-        units = dict.fromkeys(("pose", "raw_pose", "angle_sigma"), coordinates)
+        units: dict[str, Any] = dict.fromkeys(("pose", "raw_pose", "angle_sigma"), coordinates)
         units |= dict.fromkeys(("joint_sigma", "view_shift"), unit)
         arrays = {name: array / units[name] for name, array in self.arrays.items() if name in units}
         given = {name: self.config.get(name) for name in CONFIGURED_LENGTHS}

@@ -146,7 +146,7 @@ def track(
     if checkpoint and resume:
         identity = with_code_of(checkpoint, identity) if accept_changed_code else identity
         read_checkpoint(checkpoint, identity)
-    given = {"subject": subject, "cameras": rig}
+    given: dict[str, Any] = {"subject": subject, "cameras": rig}
     subject, rig, config = subject.in_unit(unit), rig.in_unit(unit), config.in_unit(unit)
     tracker = make_tracker(subject, rig, config, scene.rate)
 
@@ -249,7 +249,7 @@ def track_observations(
     """
     kept: list[Observation] = []
     keep = kept.append if config.acceleration else None
-    unit, given = subject.body.unit, {"subject": subject, "cameras": rig}
+    unit, given = subject.body.unit, dict[str, Any](subject=subject, cameras=rig)
     subject, rig, config = subject.in_unit(unit), rig.in_unit(unit), config.in_unit(unit)
     silhouettes_of = body_silhouettes(subject, rig)
     tracker = make_tracker(subject, rig, config, fps)

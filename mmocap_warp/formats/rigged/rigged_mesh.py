@@ -1,5 +1,6 @@
 """A character or a robot as its file has it: joints, where they are bound, skin that follows them, and motions."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -70,7 +71,7 @@ def parents_first(parent: list[int]) -> list[int]:
     return order
 
 
-def chosen_character(names: list[tuple[str, ...]], named: str | None, path: Path) -> int:
+def chosen_character(names: Sequence[tuple[str, ...]], named: str | None, path: Path) -> int:
     """The number of the character that is meant, of those that a file holds, each of which has some names.
 
     Raises:

@@ -4,12 +4,12 @@ Files repeat a vertex wherever colours or normals change: skin is welded first.
 """
 
 from dataclasses import replace
-from itertools import permutations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mmocap_warp.body.mesh_pieces import is_closed, mesh_edges
+from mmocap_warp.device.resolve import start_quietly
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 
 _SAME = 1e-5  # vertices as near as this are one, as a share of the mesh's extent
@@ -272,7 +272,7 @@ def _hole_rims(face: np.ndarray) -> list[list[int]] | None:
 
 _SKIN = 1.2  # distance of the surface from the triangles that it is laid around, in cells
 _BACK = 0.85  # share of that distance by which the surface is drawn back to the triangles
-_CORNER = 0.04  # the surface cuts a cell's edge this share of it from its ends: slivers have no normal
+_CORNER = 0.04  # distance from the surface, in cells, that every node of the grid has at least
 _MOST_SAMPLES = 4_000_000
 
 
@@ -283,6 +283,7 @@ def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int, why: str) -> Close
     get two sides. The triangles (face, 3) of vertices (vertex, 3) may be in any order and sense; the grid has ``cells``
     along its longest side. The user reads ``why`` the mesh is wrapped.
     """
+    import warp as wp
     from scipy.spatial import cKDTree
 
     size = float(np.ptp(vertex[np.unique(face)], axis=0).max()) / cells
@@ -292,8 +293,12 @@ def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int, why: str) -> Close
     low = sample.min(axis=0) - margin * size
     shape = np.ceil((sample.max(axis=0) - low) / size + margin).astype(int) + 1
     field = _outside(tree, low, size, shape)
-    corner, triangle = _level_set(field)
-    corner = low + size * corner
+    # Where the surface meets a node its triangles have no area, and no normal: it keeps away.
+    field = np.copysign(np.maximum(np.abs(field), _CORNER), field)
+    start_quietly()
+    nodes: Any = wp.array(field, dtype=wp.float32, device="cpu")
+    level = wp.MarchingCubes.extract(nodes)
+    corner, triangle = low + size * level[0].numpy().astype(float), level[1].numpy().reshape(-1, 3)
     _, near = tree.query(corner)
     towards = sample[near] - corner
     done = f"wrapped in a new surface, for {why}"
@@ -330,53 +335,3 @@ def _outside(tree, low: np.ndarray, size: float, shape: np.ndarray) -> np.ndarra
     hollow = (field > 0) & (region != region[0, 0, 0])
     field[hollow] *= -1
     return field
-
-
-def _level_set(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where a field on a grid is zero: vertices (n, 3) in cells, and triangles (m, 3) whose normals point to positive.
-
-    Marching tetrahedra (Doi and Koide 1991): each cell is cut in six along its diagonal, all cells alike, so that faces
-    of neighbours meet and the surface is closed wherever it does not reach the grid's sides.
-    """
-    shape = np.array(field.shape)
-    value = np.where(field == 0, 1e-6, field).ravel()
-    stride = np.array([shape[1] * shape[2], shape[2], 1])
-    cell = np.indices(tuple((shape - 1).tolist())).reshape(3, -1).T @ stride
-    path = np.cumsum([[(0, 0, 0), *np.eye(3, dtype=int)[list(order)]] for order in permutations(range(3))], axis=1)
-    tetrahedra = path @ stride  # (6, 4): from each cell's first node to its last, an edge along an axis at a time
-    even = np.linalg.det(np.diff(path, axis=1).astype(float)) > 0
-    tetrahedra[~even] = tetrahedra[~even][:, [0, 2, 1, 3]]
-    node = (cell[:, None, None] + tetrahedra).reshape(-1, 4)
-    inside = value[node] < 0
-    count = inside.sum(axis=1)
-    node, inside, count = (each[(count > 0) & (count < 4)] for each in (node, inside, count))
-
-    edges = []  # three edges of the grid for each triangle: inside node, outside node
-    for pattern in range(1, 15):
-        bits = np.array([pattern >> k & 1 for k in range(4)], bool)
-        chosen = node[(inside == bits).all(axis=1)]
-        for triangle in _triangles_of(bits):
-            edges.append(chosen[:, np.array(triangle)])
-    edge = np.concatenate(edges)  # (triangle, corner, end)
-    unique, corners = np.unique(edge.reshape(-1, 2), axis=0, return_inverse=True)
-    a, b = value[unique].T
-    share = np.clip(a / (a - b), _CORNER, 1 - _CORNER)[:, None]
-    place = np.stack(np.unravel_index(unique, field.shape), axis=-1).astype(float)
-    corner = (1 - share) * place[:, 0] + share * place[:, 1]
-    return corner, corners.reshape(-1, 3)
-
-
-def _triangles_of(inside: np.ndarray) -> list[list[tuple[int, int]]]:
-    """Triangles between the inner and the outer nodes of a tetrahedron; each corner is an edge (inside, outside)."""
-    within, without = np.flatnonzero(inside).tolist(), np.flatnonzero(~inside).tolist()
-    even = round(np.linalg.det(np.eye(4)[within + without])) > 0
-    if len(within) == 1:
-        (a,), (b, c, d) = within, without
-        triangles = [[(a, b), (a, c), (a, d)]]
-    elif len(within) == 3:
-        (a, b, c), (d,) = within, without
-        triangles = [[(a, d), (b, d), (c, d)]]
-    else:
-        (a, b), (c, d) = within, without
-        triangles = [[(a, c), (a, d), (b, d)], [(a, c), (b, d), (b, c)]]
-    return triangles if even else [triangle[::-1] for triangle in triangles]

@@ -49,7 +49,7 @@ if not _has_gltf_validator():  # likewise
     collect_ignore.append("formats/exports/test_gltf_validator.py")
 
 if not importlib.util.find_spec("rerun"):  # 170 MB for one file format
-    collect_ignore.append("display/page/test_rerun_file.py")
+    collect_ignore.append("instruments/test_rerun_file.py")
 
 LONGEST = (
     "cli/test_pipeline.py",
@@ -118,7 +118,7 @@ def pytest_report_header() -> str:
     """Which browser shows the pages, and whether glTF is validated and Rerun's files are read."""
     browser = find_browser() or "none found, so no page is shown in one"
     validator = "not found" if "formats/exports/test_gltf_validator.py" in collect_ignore else "found"
-    rerun = "not found" if "display/page/test_rerun_file.py" in collect_ignore else "found"
+    rerun = "not found" if "instruments/test_rerun_file.py" in collect_ignore else "found"
     return f"browser: {browser}; glTF-Validator: {validator}; Rerun: {rerun}"
 
 

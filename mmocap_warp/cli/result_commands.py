@@ -272,18 +272,18 @@ def show(call: Any, result: Path) -> Answer:
 
 @command(
     "show:view",
-    order="output beside images rerun scene",
+    order="output beside images scene",
     beside=Annotated[list[Path] | None, Parameter()],
     truth=None,
     name=None,
     joint_set=Given(str, "rig"),
 )
-def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> Answer:
+def view(call: Any, result: Path, output: Path | None) -> Answer:
     page = output or result.with_suffix(".html")
     shown = call(output=page)
     size = page.stat().st_size
-    lines = [f"{page}: {shown.frames} frames, {size / 1e6:.1f} MB", *([] if rerun is None else [rerun])]
-    return Answer({"file": page, "rerun": rerun, "frames": shown.frames, "bytes": size}, lines)
+    line = f"{page}: {shown.frames} frames, {size / 1e6:.1f} MB"
+    return Answer({"file": page, "frames": shown.frames, "bytes": size}, [line])
 
 
 @command(

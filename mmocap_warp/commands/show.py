@@ -14,7 +14,6 @@ from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.display import result_video
 from mmocap_warp.display.overlay import Look
 from mmocap_warp.display.page import viewer
-from mmocap_warp.display.page.rerun_file import write_rerun
 from mmocap_warp.errors import UsageError
 from mmocap_warp.formats import table
 from mmocap_warp.formats.exports.rigs import with_rig
@@ -224,7 +223,6 @@ def view(
     joint_set: str | Path = "rig",
     name: str | None = None,
     output: str | Path | None = None,
-    rerun: str | Path | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> viewer.Page:
@@ -241,7 +239,6 @@ def view(
         joint_set: also show the points of a set, as eval takes it, with the skeleton.
         name: the page's title. [default: the scene's name]
         output: the page's file, .html. The command writes it beside the result unless it is named.
-        rerun: also write the best run as a recording of Rerun's, .rrd; it needs the package rerun-sdk.
         force: replace files that exist.
         reporter: receives progress.
 
@@ -250,7 +247,6 @@ def view(
     """
     reporter = reporter or Reporter()
     page = None if output is None else new_file(output, ".html", force=force)
-    recording = None if rerun is None else new_file(rerun, ".rrd", force=force)
     result, *beside = _with_people(result, beside)
     tracked, path = result_from(result)
     recorded = scene_of(tracked, path, scene, reporter)
@@ -258,8 +254,6 @@ def view(
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     people = _people([(tracked, recorded), *_others(beside, tracked, scene, reporter)])
     start_warp()
-    if recording is not None:
-        write_rerun(recording, tracked, recorded, known)
     if name is None:
         name = recorded.name if recorded is not None else "Tracked motion" if path is None else path.stem
     with reporter.stage("view") as progress:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from rerun_file import write_rerun
 from shown import Recording, made_result
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import UP_AXES
-from mmocap_warp.display.page.rerun_file import write_rerun
 from mmocap_warp.result.truth import Truth
 
 

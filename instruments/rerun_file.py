@@ -1,5 +1,9 @@
-"""A result as a recording of Rerun's (``.rrd``), whose own program shows it beside other data."""
+"""A result as a recording of Rerun's (``.rrd``), whose own program shows it beside other data.
 
+pip install rerun-sdk; python instruments/rerun_file.py RESULT.usdc RESULT.rrd [--scene SCENE]
+"""
+
+import argparse
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -7,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.commands.caller import Reporter
+from mmocap_warp.commands.inputs import result_from, scene_of, truth_of
 from mmocap_warp.display.overlay import COLOUR_OF_SIDE, MODEL_COLOUR
 from mmocap_warp.display.page.page_content import curves, tracks
 from mmocap_warp.display.result_video import check_same_recording
-from mmocap_warp.errors import missing_package
 from mmocap_warp.formats.image_files import encode_png
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
@@ -30,13 +35,11 @@ def write_rerun(path: Path, result: Result, scene: Scene | None = None, truth: T
     Masks are the scene's, errors are measured from the truth, where there are these.
 
     Raises:
-        InputError: ``rerun-sdk`` is not installed, the folder cannot be written, or the scene or the truth is of
-            another recording.
+        ModuleNotFoundError: ``rerun-sdk`` is not installed.
+        InputError: the folder cannot be written, or the scene or the truth is of another recording.
     """
-    try:
-        import rerun as rr
-    except ImportError:
-        raise missing_package(path, "rerun-sdk", "written", "viewer", "pip install rerun-sdk") from None
+    import rerun as rr
+
     if scene is not None:
         check_same_recording(result, scene)
     recording = rr.RecordingStream("mmocap-warp")
@@ -97,3 +100,19 @@ def _log_curves(rr: Any, recording: Any, result: Result, truth: Truth | None) ->
 def _set_time(recording: Any, result: Result, number: int) -> None:
     recording.set_time("frame", sequence=number)
     recording.set_time("time", duration=(number - int(result.frame_numbers[0])) / result.fps)
+
+
+def main() -> None:
+    """Write the recording of the result that is named."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("result", type=Path)
+    parser.add_argument("output", type=Path)
+    parser.add_argument("--scene", help="the scene, if it is no longer where the result says")
+    given = parser.parse_args()
+    result, path = result_from(given.result)
+    scene = scene_of(result, path, given.scene, Reporter())
+    write_rerun(given.output, result, scene, truth_of(scene))
+
+
+if __name__ == "__main__":
+    main()

@@ -2,3 +2,6 @@
 
 May import: body, cameras.
 """
+
+CONFIGURED_LENGTHS = ("smooth", "translation_radius")
+"""Settings of a run that are in metres."""

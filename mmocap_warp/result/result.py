@@ -13,6 +13,7 @@ from mmocap_warp.body.joint_sets import RIG
 from mmocap_warp.body.joint_sets import joint_set as set_named
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.result import CONFIGURED_LENGTHS
 
 STATUS: tuple[str, ...] = ("tracked", "partial", "lost", "rescued", "interpolated", "repeated")
 """How a frame's pose was found.
@@ -22,10 +23,6 @@ of the body is in doubt: then its deviations are wide.
 Lost: not at all, the pose is carried over. Rescued: by a larger search or a new start. Interpolated: filled in
 afterwards from the frames around it. Repeated: likewise, because its images are those of the frame before.
 """
-
-
-CONFIGURED_LENGTHS = ("smooth", "translation_radius")
-"""Settings of a run that are in metres."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Self
 
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.formats.toml_table import describes_settings, listed, setting
-from mmocap_warp.result.result import CONFIGURED_LENGTHS
+from mmocap_warp.result import CONFIGURED_LENGTHS
 from mmocap_warp.silhouettes import COSTS, RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGET, BUDGETS, CONTOUR_TRACKERS, PRESETS
 

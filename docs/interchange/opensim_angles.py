@@ -4,7 +4,7 @@
 
 MODEL is Rajagopal2016.osim or RajagopalLaiUhlrich2023.osim. FOLDER holds ``still.trc`` and ``walk.trc``, both with the
 joint set rajagopal, and ``still/angles.csv`` and ``walk/angles.csv`` by the set isb. ``FOLDER/opensim`` gets the scaled
-model ``person.osim`` and its angles ``walk.mot``. docs/measures.md has the commands; what it printed of three walks
+model ``person.osim`` and its angles ``walk.mot``. docs/measures.md has the commands; what it printed of four walks
 is in opensim_angles.txt. It runs in an environment of its own, which has opensim and nothing of mmocap.
 """
 

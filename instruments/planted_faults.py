@@ -310,7 +310,8 @@ def tracked(scene: Path, program: Sequence[str], frames: int) -> Outcome:
     with TemporaryDirectory() as folder:
         command = [*program, "track", str(scene), "-o", f"{folder}/result.usdc", "--json", "--device", "cpu"]
         command += ["--frames", str(frames), "--threads", "1"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        # Where it runs there is no other package of that name, which ``python -m`` would prefer.
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     noted = [line for line in done.stderr.splitlines() if not line.startswith(("fit:", "track:", "smooth:"))]
     report: dict[str, Any] = json.loads(done.stdout) if done.stdout.startswith("{") else {}
     noted += report.get("verdict", {}).get("lines", [])

@@ -19,7 +19,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -63,11 +62,7 @@ class Recorded:
 
     def with_masks(self, change: Callable[[np.ndarray], np.ndarray], *which: int) -> Recorded:
         """Other images of some cameras, of all where none is named."""
-        some = which or range(len(self.rig))
-        return replace(self, frames=tuple(
-            [np.ascontiguousarray(change(mask)) for mask in masks] if k in some else masks
-            for k, masks in enumerate(self.frames)
-        ))  # fmt: skip
+        return self.with_frames(lambda masks: [np.ascontiguousarray(change(mask)) for mask in masks], *which)
 
     def with_frames(self, order: Callable[[list[np.ndarray]], list[np.ndarray]], *which: int) -> Recorded:
         """Other frames of some cameras, of all where none is named."""
@@ -206,7 +201,6 @@ FAULTS: dict[str, Fault] = {
 }
 
 
-@cache
 def _walk(folder: Path) -> Path:
     return ROOT / "walk" / "scene.toml"
 

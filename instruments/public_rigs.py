@@ -103,13 +103,13 @@ def main() -> None:
     there = [rig for rig in listed if (given.rigs / rig["file"]).is_file()]
     chosen = [rig for rig in there if given.only is None or rig["file"] in given.only]
 
-    def told(rig: dict[str, Any]) -> dict[str, Any]:
+    def printed(rig: dict[str, Any]) -> dict[str, Any]:
         row = measured(rig, given.rigs, given.out, given.frames, given.seconds)
         print(json.dumps(row), file=sys.stderr, flush=True)
         return row
 
     with ThreadPoolExecutor(given.jobs) as pool:
-        rows = list(pool.map(told, chosen))
+        rows = list(pool.map(printed, chosen))
     text = table(rows)
     (given.out / "table.md").write_text(text + "\n", encoding="utf-8")
     print(text)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.inputs import result_from, scene_of, truth_of
 from mmocap_warp.display.overlay import COLOUR_OF_SIDE, MODEL_COLOUR
 from mmocap_warp.display.page.page_content import curves, tracks
@@ -110,7 +109,7 @@ def main() -> None:
     parser.add_argument("--scene", help="the scene, if it is no longer where the result says")
     given = parser.parse_args()
     result, path = result_from(given.result)
-    scene = scene_of(result, path, given.scene, Reporter())
+    scene = scene_of(result, path, given.scene)
     write_rerun(given.output, result, scene, truth_of(scene))
 
 

@@ -19,14 +19,14 @@ from pathlib import Path
 
 import numpy as np
 from paper_claims import CLAIMS, Finding, check_claims
-from study_cells import FOLDER, read_rows
+from study_cells import FIRST_COMMIT, FOLDER, measure_of, read_rows, study_of
 
 from mmocap_warp.study import statistics
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.paper import ALGORITHM_ORDER, GRID_EVALUATIONS, average_ranks, printed_ranks
 from mmocap_warp.study.report_setting import pace_of
 from mmocap_warp.study.study_tables import Ranking, by_algorithm, by_model, model_differences
-from mmocap_warp.study.summary import MEASURE_OF, CellSummary, Contender, Measure, StudySummary, algorithm_label
+from mmocap_warp.study.summary import MEASURE_OF, Contender, Measure, algorithm_label
 
 NINE = tuple(f"S{subject}/{action}" for action in ("Walking", "Gestures", "Box") for subject in (1, 2, 3))
 STRANGERS = ("Child/Walking", "Uneven/Walking", "Skirt/Walking")
@@ -34,9 +34,6 @@ GROUPS = {"eight": ALGORITHM_ORDER, "nine": NINE, "strangers": STRANGERS}
 PRESETS = ("recording", "common", "paper-rotation", "paper-translation", "paper")
 EVALUATIONS_OF = {"search-contour": 120, "contour": 0}
 """Of the trackers that have one budget."""
-
-FIRST_COMMIT = "58249c3"
-"""The one that tracked most cells."""
 
 _SHOWN = (
     *product(("search-contour+solved", "search-contour"), (39,), (120,)),
@@ -78,7 +75,7 @@ class StudyFigures:
             times = list(csv.DictReader(lines))
         self.times = {(row["algorithm"], int(row["evaluations"])): row["ms_a_frame"] for row in times}
         self.columns = set(next(iter(self.rows.values())))
-        self.study = StudySummary({cell: _summary(cell, row) for cell, row in self.rows.items()})
+        self.study = study_of(self.rows)
 
     def fill(self, template: str) -> str:
         """The template with its figures."""
@@ -276,7 +273,7 @@ class StudyFigures:
         """In how many cases 39 degrees of freedom rank before 28, and in how many they could."""
         leads = []
         for name in names:
-            ranking = by_model(self.study, _measure_of(column), name)
+            ranking = by_model(self.study, measure_of(column), name)
             ranks = {row.contender: row.comparison.rank for row in ranking.rows}
             for budget in self.study.budgets:
                 large, small = (ranks.get(Contender(name, dof, budget)) for dof in (39, 28))
@@ -378,14 +375,14 @@ class StudyFigures:
     def _ranked(self, words: tuple[str, ...]) -> tuple[Cell, Measure]:
         """The first chosen cell, and the measure of the column."""
         choice = self.choose(words)
-        return choice.cells[0], _measure_of(choice.column)
+        return choice.cells[0], measure_of(choice.column)
 
     def _of_budget(self, cell: Cell, measure: Measure) -> Ranking:
         return by_algorithm(self.study, measure, cell.dof, cell.evaluations)
 
     def _at(self, place: int, words: tuple[str, ...]) -> str:
         choice = self.choose((*words, "h-cmaes", NINE[0]))
-        rankings = [self._of_budget(cell, _measure_of(choice.column)) for cell in choice.cells]
+        rankings = [self._of_budget(cell, measure_of(choice.column)) for cell in choice.cells]
         return " and ".join(sorted({algorithm_label(of.rows[place].contender.algorithm) for of in rankings}))
 
     def _best_of_eight(self, sequence: str) -> Cell:
@@ -401,27 +398,9 @@ class StudyFigures:
         return check_claims(self.study, MEASURE_OF["mpjpe"])
 
     def _claim(self, judge: str, column: str) -> Finding:
-        by = _measure_of(column).label
+        by = measure_of(column).label
         texts = {claim["claim"] for of in CLAIMS.values() for claim in of if claim["judge"] == judge}
         return next(each for each in self._findings if each.claim in texts and by.lower() in each.by.lower())
-
-
-def _measure_of(column: str) -> Measure:
-    return next(MEASURE_OF[key] for key in sorted(MEASURE_OF, key=len, reverse=True) if column.startswith(key))
-
-
-def _summary(cell: Cell, row: dict[str, str]) -> CellSummary:
-    """A row as a cell with one run: the mean of its runs."""
-    columns = [name.removesuffix("_sd") for name in row if name.endswith("_sd")]
-    runs = {_measure_of(name).key: np.array([float(row[name])]) for name in columns}
-    quartiles = np.array([float(row[f"mpjpe_{name}"]) for name in ("min", "q1", "median", "q3", "max")])
-    meta = {"started": row["started"], "wall_seconds": float(row["seconds"]), "device": row["device"]}
-    of_frames = {"runs": runs, "spread": {"mpjpe": quartiles}, "curve": {}, "floors": {}, "frames_lost": 0.0}
-    no_pose = {"frames": np.zeros(0), "typical_pose": np.zeros(0), "typical_curve": np.zeros(0)}
-    spent = int(row["evaluations_spent"])
-    return CellSummary(
-        cell, np.arange(1), **of_frames, **no_pose, seconds=float(row["seconds"]), evaluations=spent, meta=meta
-    )
 
 
 def _one_budget(algorithm: str) -> bool:

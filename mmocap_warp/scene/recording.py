@@ -269,8 +269,8 @@ class Scene:
                 if frame not in followed:
                     continue
                 last = kept if body is None else body()
-                masks = (mask for mask, _ in seen)
-                kept = list((map if self.foreground.keep == "all" else pool.map)(keep, masks, empty, range(len(empty))))
+                each = map if self.foreground.keep == "all" else pool.map  # then nothing is left to be done
+                kept = list(each(keep, (mask for mask, _ in seen), empty, range(len(empty))))
                 if frame in wanted:
                     repaired = repair_masks(rig, kept, pool.map) if self.foreground.repair else kept
                     yield repaired, [in_front for _, in_front in seen]

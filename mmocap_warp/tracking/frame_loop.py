@@ -31,6 +31,7 @@ from mmocap_warp.tracking.body_masks import body_silhouettes, tracked_observatio
 from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.evidence import with_evidence
+from mmocap_warp.tracking.from_settings import in_own_unit
 from mmocap_warp.tracking.holes import HOLE_SECONDS, with_holes
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
@@ -147,7 +148,7 @@ def track(
         identity = with_code_of(checkpoint, identity) if accept_changed_code else identity
         read_checkpoint(checkpoint, identity)
     given: dict[str, Any] = {"subject": subject, "cameras": rig}
-    subject, rig, config = subject.in_unit(unit), rig.in_unit(unit), config.in_unit(unit)
+    subject, rig, config = in_own_unit(subject, rig, config)
     tracker = make_tracker(subject, rig, config, scene.rate)
 
     # Go on after the frames that were saved.
@@ -250,7 +251,7 @@ def track_observations(
     kept: list[Observation] = []
     keep = kept.append if config.acceleration else None
     unit, given = subject.body.unit, dict[str, Any](subject=subject, cameras=rig)
-    subject, rig, config = subject.in_unit(unit), rig.in_unit(unit), config.in_unit(unit)
+    subject, rig, config = in_own_unit(subject, rig, config)
     silhouettes_of = body_silhouettes(subject, rig)
     tracker = make_tracker(subject, rig, config, fps)
     observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))

@@ -13,6 +13,12 @@ from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.tracking.track_config import TrackConfig
 
 
+def in_own_unit(subject: Subject, rig: CameraRig, config: TrackConfig) -> tuple[Subject, CameraRig, TrackConfig]:
+    """All three in the unit of length in which the body is searched for."""
+    unit = subject.body.unit
+    return subject.in_unit(unit), rig.in_unit(unit), config.in_unit(unit)
+
+
 def search_limits(subject: Subject, config: TrackConfig) -> np.ndarray:
     """(coordinate, 2) lowest and highest values that a search keeps to."""
     skeleton = subject.body.skeleton

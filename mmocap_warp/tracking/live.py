@@ -34,7 +34,7 @@ from mmocap_warp.tracking.body_masks import body_silhouettes
 from mmocap_warp.tracking.contour_state import ContourState
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_frames
-from mmocap_warp.tracking.from_settings import make_fitter, search_limits
+from mmocap_warp.tracking.from_settings import in_own_unit, make_fitter, search_limits
 from mmocap_warp.tracking.holes import with_holes
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -93,8 +93,8 @@ def track_live(
     config = replace(config or TrackConfig(), **settings)
     if not config.acceleration:
         raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
-    window, unit = _Window(subject, cameras, config, fps), subject.body.unit
-    subject, cameras, config = subject.in_unit(unit), cameras.in_unit(unit), config.in_unit(unit)
+    window = _Window(subject, cameras, config, fps)
+    subject, cameras, config = in_own_unit(subject, cameras, config)
     tracker = make_tracker(subject, cameras, config, fps)
     silhouettes_of = body_silhouettes(subject, cameras)
     observations: Iterable[Observation] = (Observation.from_masks(list(each)) for each in masks)
@@ -108,9 +108,9 @@ class _Window:
     """The frames that are not final yet; ``first`` is the number of the first frame."""
 
     def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float, first: int = 0) -> None:
-        skeleton, unit = subject.body.skeleton, subject.body.unit
-        self._poser, self._units = Poser(subject.body, subject.root_base), skeleton.units(unit)
-        subject, cameras, config = subject.in_unit(unit), cameras.in_unit(unit), config.in_unit(unit)
+        skeleton = subject.body.skeleton
+        self._poser, self._units = Poser(subject.body, subject.root_base), skeleton.units(subject.body.unit)
+        subject, cameras, config = in_own_unit(subject, cameras, config)
         searched, limits = skeleton.searched(config.dof), search_limits(subject, config)
         self._rooting = rooting = Rooting(skeleton, subject.root_base, searched, limits)
         points = MotionPoints(skeleton, subject.body.joint_rest, searched)
@@ -197,9 +197,9 @@ class LiveTracker:
     def __init__(self, subject: Subject, cameras: CameraRig, fps: float, config: TrackConfig) -> None:
         if not config.acceleration:
             raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
-        unit, given = subject.body.unit, (subject, cameras, replace(config, threads=1), fps)
-        self._poser, self._units = Poser(subject.body, subject.root_base), subject.body.skeleton.units(unit)
-        subject, cameras, config = subject.in_unit(unit), cameras.in_unit(unit), config.in_unit(unit)
+        body, given = subject.body, (subject, cameras, replace(config, threads=1), fps)
+        self._poser, self._units = Poser(body, subject.root_base), body.skeleton.units(body.unit)
+        subject, cameras, config = in_own_unit(subject, cameras, config)
         self._tracker = make_tracker(subject, cameras, config, fps)
         if isinstance(self._tracker, ContourTracker):
             self._tracker.search_interval = max(2, round(_SEARCH_INTERVAL * fps))

@@ -9,10 +9,13 @@ import numpy as np
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.commands.caller import Reporter, start_warp
-from mmocap_warp.commands.inputs import Frames, one_person, result_from, scene_from, span
+from mmocap_warp.commands.inputs import Frames, body_from, one_person, result_from, scene_from, span
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.fitting import subject_fit
+from mmocap_warp.fitting.fit_config import FitConfig
+from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import holds_result
 from mmocap_warp.masks.consistency import Consistency
@@ -20,12 +23,15 @@ from mmocap_warp.masks.mask_check import MaskJudge, MaskReport
 from mmocap_warp.masks.mask_program import find_program
 from mmocap_warp.masks.subtraction import mask_around_body
 from mmocap_warp.result.result import Result
+from mmocap_warp.rigging.attaching import carrying
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.scene.drafting import tracking_scale
 from mmocap_warp.scene.mask_writing import Refine, write_masks
 from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program, with_people
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.tracking.telling_apart import first_observations, told_apart
+from mmocap_warp.tracking.track_config import TrackConfig
 
 
 @dataclass(frozen=True)
@@ -130,16 +136,44 @@ def _loaded(
 
 
 def with_masks(scene: Scene, reporter: Reporter) -> Scene:
-    """The scene itself, or the one with the masks that a program makes; they lie beside it, and are made once."""
-    if scene.foreground.source != "program":
+    """The scene itself, or one with masks that a program makes, or that tell its people apart; they are made once.
+
+    They lie beside the scene.
+    """
+    by_program = scene.foreground.source == "program"
+    if not (by_program or (scene.people and any(source.several for source in scene.cameras))):
         return scene
-    folder = scene.directory / ("masks" if scene.path.stem == "scene" else f"{scene.path.stem}-masks")
+    name = "masks" if by_program else "people"
+    folder = scene.directory / (name if scene.path.stem == "scene" else f"{scene.path.stem}-{name}")
     if not (folder / "scene.toml").exists():
-        scale = 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
-        for fault in mask(scene.path, folder, scale=scale, reporter=reporter).report.faults:
-            reporter.warn(f"{folder}: {fault}")
+        if by_program:
+            scale = 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
+            for fault in mask(scene.path, folder, scale=scale, reporter=reporter).report.faults:
+                reporter.warn(f"{folder}: {fault}")
+        else:
+            _tell_apart(load_scene(scene.path), folder, reporter)
     frames = scene.frames
-    return load_scene(folder, f"{frames.start}:{frames.stop}:{frames.step}")
+    made = load_scene(folder, f"{frames.start}:{frames.stop}:{frames.step}")
+    return made.of_person(scene.person) if scene.person in made.people else made
+
+
+def _tell_apart(scene: Scene, folder: Path, reporter: Reporter) -> None:
+    """Write a scene's masks with everybody told apart; a first frame is enough for whoever has no subject."""
+    config = config_from_table(TrackConfig, scene.settings("track"))
+    start_warp(config.device)
+    subjects = {name: read_subject(each.subject) for name, each in scene.people.items() if each.subject}
+    if len(subjects) < len(scene.people):
+        seen = dict(zip(scene.people, first_observations(scene, config.scale), strict=True))
+        first = replace(config_from_table(FitConfig, scene.settings("fit")), frames=1)
+        for name in [name for name in seen if name not in subjects]:
+            body = carrying(body_from(None, scene.of_person(name)), scene.attached).body
+            with reporter.stage(f"fit {name}", None):
+                subjects[name] = subject_fit.fit_clip(body, scene.rig(config.scale), scene.rate, [seen[name]], first)
+    apart = told_apart(scene, [subjects[name] for name in scene.people], config)
+    total = scene.frame_count
+    with reporter.stage("tell apart") as progress:
+        write_masks(scene, folder, config.scale, lambda done: progress(done, total), apart=apart)
+    reporter.note(f"people: told apart by their poses; look at {folder / 'overlay.webm'}")
 
 
 def _remedy(scene: Scene, folder: Path) -> str:

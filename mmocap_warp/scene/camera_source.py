@@ -40,6 +40,7 @@ class CameraSource:
     fraction: float = 0.0  # what its offset is beyond ``frame_offset`` [its frames], at most half of one either way
     label: int = 0  # in its masks, of the person who is tracked; 0 for the scene's [foreground] identity
     in_front: tuple[int, ...] = ()  # labels of what may be in front of that person
+    several: tuple[int, ...] = ()  # labels of pixels that may be of anybody among several people
 
     def mask_number(self, frame: int) -> int:
         """Which of its masks is the recording's frame; -1 for none."""

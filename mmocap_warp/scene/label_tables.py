@@ -27,14 +27,15 @@ def with_labels(
     if table.has("person") and foreground.identity:
         raise table.error("person and identity both say who is tracked", "leave one of them out")
     roles = {role: _take_labels(table, role, sources) for role in _ROLES}
+    several = _take_labels(table, "several", sources)
     table.finish()
     if any(len(labels) > 1 for labels in roles["person"]):
         raise table.error("person has several labels", "name several people in tables of their own: [people.<name>]")
-    if any(map(any, roles.values())) and foreground.source != "masks":
+    if any(map(any, [several, *roles.values()])) and foreground.source != "masks":
         raise table.error(_NOT_GIVEN, "leave the table out")
     return tuple(
-        replace(source, label=next(iter(person), 0), in_front=tuple(sorted({*chain(*others)})))
-        for source, person, *others in zip(sources, *roles.values(), strict=True)
+        replace(source, label=next(iter(person), 0), in_front=tuple(sorted({*chain(*others)})), several=unsure)
+        for source, unsure, person, *others in zip(sources, several, *roles.values(), strict=True)
     )
 
 

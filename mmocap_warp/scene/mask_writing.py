@@ -36,6 +36,7 @@ def write_masks(
     look: Callable[[list[np.ndarray]], None] | None = None,
     refine: Refine | None = None,
     images: Iterable[list[np.ndarray | None]] | None = None,
+    apart: Iterable[tuple[Sequence[list[np.ndarray]], list[np.ndarray]]] | None = None,
     make_consistent: Sequence[Callable[[list[np.ndarray]], list[np.ndarray]]] = (),
 ) -> Path:
     """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
@@ -46,7 +47,8 @@ def write_masks(
     ``scale``. Files of the same names are replaced. ``make_consistent``, one for each person, and then ``refine`` make
     a frame's masks better, and the overlay shows what the first of them has changed. ``look`` is called with those of
     the first person, per camera (height, width) bool, and ``progress`` after each frame with the number of frames done.
-    ``images`` are the scene's, where they lie somewhere in the meantime.
+    ``images`` are the scene's, where they lie somewhere in the meantime. ``apart`` are a frame's masks of each person
+    and of what may be in front of them, where labels do not tell people apart.
 
     Returns:
         Path of the new ``scene.toml``.
@@ -70,8 +72,9 @@ def write_masks(
     streams = zip(*(person.masks(scale) for person in people), strict=True)
     with ThreadPoolExecutor() as pool, WebmFile(folder / "overlay.webm", scene.rate) as video:
         hidden = scene.hidden(scale) if scene.people else repeat([], scene.frame_count)
-        frames = zip(streams, hidden, scene.images(scale) if images is None else images, strict=True)
-        for f, (before, in_front, views) in enumerate(frames):
+        pairs = apart or zip(streams, hidden, strict=True)
+        frames = zip(pairs, scene.images(scale) if images is None else images, strict=True)
+        for f, ((before, in_front), views) in enumerate(frames):
             masks = [make(each) for make, each in zip(make_consistent, before, strict=False)] or list(before)
             if refine is not None:
                 before, masks = (), [refine(masks[0], views)]

@@ -160,7 +160,7 @@ class Scene:
         chosen, others = self.people[name], [each for key, each in self.people.items() if key != name]
         cameras = []
         for k, source in enumerate(self.cameras):
-            hides = {*source.in_front, *(other.labels[k] for other in others)} - {chosen.labels[k]}
+            hides = {*source.in_front, *source.several, *(other.labels[k] for other in others)} - {chosen.labels[k]}
             cameras.append(replace(source, label=chosen.labels[k], in_front=tuple(sorted(hides))))
         own = replace(self, subject=chosen.subject, body=chosen.body or self.body, truth=chosen.truth)
         return replace(own, cameras=tuple(cameras), person=name)

@@ -215,7 +215,7 @@ def _check_sources(
     for name, person in people.items() if "masks" in needs else ():
         of_views = [(source.masks, person.labels[k]) for k, source in enumerate(sources) if source.masks is not None]
         shown = [decode_mask(image, label).any() for masks, label in of_views for image in masks.sample(_SAMPLES)]
-        if not any(shown):
+        if not (any(shown) or any(source.several for source in sources)):
             where = f"{table.source}: [people.{name}]"
             raise InputError(where, f"no mask shows label {person.labels[0]}", "give that of the person in the masks")
 

@@ -99,6 +99,15 @@ def test_each_person_is_tracked_with_the_others_in_front(folder):
     assert next(iter(scene.masks()))[2].sum() == 740  # where nobody is chosen, everybody is shown
 
 
+def test_what_may_be_anybodys_hides_each_person_until_they_are_told_apart(folder):
+    scene = scene_with(folder, "[labels]\nseveral = 3\n" + PEOPLE)
+    assert [source.several for source in scene.cameras] == [(3,)] * 3
+    for name in ("anna", "ben"):
+        assert seen(scene.of_person(name))[1][:, 35:40, 8:10].all()
+    with pytest.raises(InputError, match="labels are those of given masks"):
+        scene_with(folder, "[foreground]\nsource = 'recording'\n[labels]\nseveral = 3\n")
+
+
 def test_a_result_finds_its_person_again(folder):
     scene = scene_with(folder, PEOPLE)
     ben = scene_from(scene, person="ben")

@@ -23,7 +23,6 @@ def make_sequences(
     markers: str | Path | None = None,
     together: bool = False,
     apart: float = 0.7,
-    blobs: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> dict[str, Path]:
@@ -42,7 +41,6 @@ def make_sequences(
         markers: the .c3d of the same take as an .amc; its marker paths become the truth.
         together: the people of the sequences, two or more, are in one scene of label images and pass each other.
         apart: how near to each other they come [m]; 0.7 is a hand between shoulders that pass, 0.4 a hold.
-        blobs: people who touch in a view have one label there, of whom it shows most.
         force: write among files that are there.
         reporter: receives progress.
 
@@ -77,8 +75,7 @@ def make_sequences(
         shortest = min(CLIPS[name].frame_count for name in sequences)
         of_people = [CLIPS[name].first(min(frames or shortest, shortest)) for name in sequences]
         with (reporter or Reporter()).stage("make people") as progress:
-            scene = write_people(folder, of_people, apart, progress, blobs=blobs)
-            return {" and ".join(sequences): scene}
+            return {" and ".join(sequences): write_people(folder, of_people, apart, progress)}
     scenes = {}
     for name in sequences or tuple(SEQUENCES):
         made = CLIPS[name] if clip is None else clip_sequence(name, clip, skeleton, markers)

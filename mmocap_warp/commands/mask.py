@@ -1,6 +1,7 @@
 """A scene's masks, made once and judged: ``mmocap mask``."""
 
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -105,6 +106,7 @@ def mask(
     total, consistency = loaded.frame_count, list[Consistency]()
     if by_program if consistent is None else consistent:
         consistency = [Consistency(loaded.rig(scale)) for _ in loaded.people or [loaded]]
+    apart = _told_apart(loaded, scale, reporter) if loaded.of_several else None
     with reporter.stage("mask") as progress:
         written = write_masks(
             loaded,
@@ -114,6 +116,7 @@ def mask(
             look=judge.add,
             refine=refine,
             images=images,
+            apart=apart,
             make_consistent=consistency,
         )
     if program is not None:
@@ -136,44 +139,37 @@ def _loaded(
 
 
 def with_masks(scene: Scene, reporter: Reporter) -> Scene:
-    """The scene itself, or one with masks that a program makes, or that tell its people apart; they are made once.
-
-    They lie beside the scene.
-    """
+    """The scene itself, or one beside it whose masks are made once: by a program, or to tell people apart."""
     by_program = scene.foreground.source == "program"
-    if not (by_program or (scene.people and any(source.several for source in scene.cameras))):
+    if not (by_program or scene.of_several):
         return scene
     name = "masks" if by_program else "people"
     folder = scene.directory / (name if scene.path.stem == "scene" else f"{scene.path.stem}-{name}")
     if not (folder / "scene.toml").exists():
-        if by_program:
-            scale = 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
-            for fault in mask(scene.path, folder, scale=scale, reporter=reporter).report.faults:
-                reporter.warn(f"{folder}: {fault}")
-        else:
-            _tell_apart(load_scene(scene.path), folder, reporter)
+        scale = tracking_scale(scene.calibrated.size) if by_program and "scale" not in scene.track else 1.0
+        for fault in mask(scene.path, folder, scale=scale, reporter=reporter).report.faults:
+            reporter.warn(f"{folder}: {fault}")
     frames = scene.frames
     made = load_scene(folder, f"{frames.start}:{frames.stop}:{frames.step}")
-    return made.of_person(scene.person) if scene.person in made.people else made
+    return made.of_person(scene.person) if scene.of_several and scene.person else made
 
 
-def _tell_apart(scene: Scene, folder: Path, reporter: Reporter) -> None:
-    """Write a scene's masks with everybody told apart; a first frame is enough for whoever has no subject."""
-    config = config_from_table(TrackConfig, scene.settings("track"))
+def _told_apart(
+    scene: Scene, scale: float, reporter: Reporter
+) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:
+    """Each frame's masks of everybody, by their poses. Whoever has no subject is fitted to the first frame."""
+    config = replace(config_from_table(TrackConfig, scene.settings("track")), scale=scale)
+    one_frame = replace(config_from_table(FitConfig, scene.settings("fit")), frames=1)
     start_warp(config.device)
-    subjects = {name: read_subject(each.subject) for name, each in scene.people.items() if each.subject}
-    if len(subjects) < len(scene.people):
-        seen = dict(zip(scene.people, first_observations(scene, config.scale), strict=True))
-        first = replace(config_from_table(FitConfig, scene.settings("fit")), frames=1)
-        for name in [name for name in seen if name not in subjects]:
-            body = carrying(body_from(None, scene.of_person(name)), scene.attached).body
-            with reporter.stage(f"fit {name}", None):
-                subjects[name] = subject_fit.fit_clip(body, scene.rig(config.scale), scene.rate, [seen[name]], first)
-    apart = told_apart(scene, [subjects[name] for name in scene.people], config)
-    total = scene.frame_count
-    with reporter.stage("tell apart") as progress:
-        write_masks(scene, folder, config.scale, lambda done: progress(done, total), apart=apart)
-    reporter.note(f"people: told apart by their poses; look at {folder / 'overlay.webm'}")
+    everybody = {name: scene.of_person(name) for name in scene.people}
+    subjects = {name: read_subject(own.subject) for name, own in everybody.items() if own.subject}
+    if len(subjects) < len(everybody):
+        for (name, own), seen in zip(everybody.items(), first_observations(scene, scale), strict=True):
+            if name not in subjects:
+                body = carrying(body_from(None, own), scene.attached).body
+                with reporter.stage(f"fit {name}", None):
+                    subjects[name] = subject_fit.fit_clip(body, scene.rig(scale), scene.rate, [seen], one_frame)
+    return told_apart(scene, [subjects[name] for name in everybody], config)
 
 
 def _remedy(scene: Scene, folder: Path) -> str:

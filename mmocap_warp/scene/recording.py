@@ -151,6 +151,11 @@ class Scene:
         """Whether its masks say what may be in front of who is tracked."""
         return any(source.in_front for source in self.cameras)
 
+    @property
+    def of_several(self) -> bool:
+        """Whether its masks do not tell its people apart."""
+        return bool(self.people) and any(source.several for source in self.cameras)
+
     def of_person(self, name: str) -> Scene:
         """The same recording as one of its people is tracked in it: all others may be in front.
 

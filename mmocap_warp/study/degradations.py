@@ -281,17 +281,12 @@ def write_sequence(
 
 
 def write_people(
-    folder: Path,
-    sequences: Sequence[StudySequence],
-    apart: float,
-    progress: Progress | None = None,
-    *,
-    blobs: bool = False,
+    folder: Path, sequences: Sequence[StudySequence], apart: float, progress: Progress | None = None
 ) -> Path:
     """Write sequences of one length and of different people as one scene, whose masks are label images.
 
     People are named as in the sequences' names, and come as near to each other as ``apart`` [m]. Each has a subject,
-    which tracking starts from, and a truth. With ``blobs``, people who touch in a view have one label there.
+    which tracking starts from, and a truth.
 
     Returns:
         Path of ``scene.toml``.
@@ -300,7 +295,7 @@ def write_people(
         InputError: a folder that cannot be written to.
     """
     shifts = places([sequence.recording.poses[:, :2] for sequence in sequences], apart)
-    tables = f"\n[labels]\nseveral = {[*range(1, 1 + len(sequences))]}\n" if blobs else ""
+    tables = ""
     folder.mkdir(parents=True, exist_ok=True)
     for label, (sequence, shift) in enumerate(zip(sequences, shifts, strict=True), 1):
         name, pose = sequence.name.split("/")[0], sequence.subject.pose.copy()
@@ -311,7 +306,7 @@ def write_people(
         tables += f"\n[people.{name}]\nlabel = {label}\n{files}\n"
     names = " and ".join(sequence.name for sequence in sequences)
     about = f"{names} of the study's shipped sequences in one room, made up with known truth."
-    together = Together.of([sequence.recording for sequence in sequences], shifts, blobs)
+    together = Together.of([sequence.recording for sequence in sequences], shifts)
     foreground = _FOREGROUND + tables
     return write_made_scene(folder, together, None, name=names, about=about, foreground=foreground, progress=progress)
 

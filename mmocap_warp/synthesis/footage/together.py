@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
@@ -45,14 +44,13 @@ class Together:
     """Recordings of one length by the same cameras, in one; people keep the order of their labels, from 1 on."""
 
     people: tuple[Recording, ...]
-    blobs: bool = False  # people who touch in a view are one blob there, with the label of whom it shows most
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], shifts: np.ndarray, blobs: bool = False) -> Together:
+    def of(cls, recordings: Sequence[Recording], shifts: np.ndarray) -> Together:
         """People who are elsewhere than in their recordings by ``shifts`` (person, 2) [m]."""
         pairs = zip(recordings, shifts, strict=True)
         moved = [(each, np.column_stack([each.poses[:, :2] + shift, each.poses[:, 2:]])) for each, shift in pairs]
-        return cls(tuple(replace(each, poses=poses) for each, poses in moved), blobs)
+        return cls(tuple(replace(each, poses=poses) for each, poses in moved))
 
     @property
     def fps(self) -> float:
@@ -71,11 +69,10 @@ class Together:
         """Per camera (height, width) uint8: labels, with the faults that each person's mask has; 0 is background."""
         masks = [recording.masks(frame) for recording in self.people]
         skins = [recording.vertices(frame) for recording in self.people]
-        labels = [
+        return [
             _labels([views[k] for views in masks], [self._seen(k, skin) for skin in skins])
             for k in range(len(self.rig))
         ]
-        return [*map(_blobs, labels)] if self.blobs else labels
 
     def _seen(self, k: int, skin: np.ndarray) -> np.ndarray:
         """(vertex, 3) column and row in a view [px], and depth [m]."""
@@ -99,10 +96,3 @@ def _labels(masks: Sequence[np.ndarray], seen: Sequence[np.ndarray]) -> np.ndarr
             depth[number] = np.where(mask[row, column], skin[nearest, 2].min(axis=1), np.inf)
         labels[row, column] = 1 + depth.argmin(axis=0)
     return labels
-
-
-def _blobs(labels: np.ndarray) -> np.ndarray:
-    """Labels (height, width), of which each connected area has the most frequent one of its own."""
-    count, blob = cv2.connectedComponents((labels > 0).view(np.uint8))
-    most = [np.bincount(labels[blob == number]).argmax() for number in range(count)]
-    return np.array(most, np.uint8)[blob]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -58,7 +59,7 @@ def track(
 
     # Without an output all is made beside the scene, and what exists is not made again.
     whole, output = output is None, output or loaded.directory / "result.usdc"
-    loaded = with_masks(loaded, console)
+    one_blob, loaded = loaded.of_several, with_masks(loaded, console)
     people = _everybody(loaded, person)
     done: dict[str, tuple[Path, Result]] = {}
 
@@ -70,6 +71,8 @@ def track(
         answer = _each(console, work)
         if not done:
             return answer
+        if one_blob:
+            _doubt_together(done, console)
         if force or [*before] != [*done]:
             write_people(output, done)
     else:
@@ -99,6 +102,22 @@ def _each(console: Console, work: Mapping[str, Callable[[], Answer]]) -> Answer:
         lines += [f"{name}:", *answer.lines]
         codes.append(answer.code)
     return Answer({"people": values}, lines, BAD_INPUT if BAD_INPUT in codes else max(codes))
+
+
+def _doubt_together(done: dict[str, tuple[Path, Result]], console: Console) -> None:
+    """Doubt all people where one is in doubt: what that one's pose does not explain was given to another."""
+    import numpy as np
+
+    from mmocap_warp.formats.usd.usd_result import write_result
+    from mmocap_warp.result.result import STATUS
+
+    tracked, partial_ = STATUS.index("tracked"), STATUS.index("partial")
+    doubted = np.logical_or.reduce([result.status != tracked for _, result in done.values()])
+    for name, (file, result) in done.items():
+        status = np.where(doubted & (result.status == tracked), partial_, result.status).astype(result.status.dtype)
+        done[name] = file, replace(result, status=status)
+        write_result(*done[name])
+    console.note(f"people: {int(doubted.any(axis=0).sum())} frames are in doubt for all, because one is")
 
 
 def _of_person(output: Path, name: str) -> Path:

@@ -16,6 +16,7 @@ from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _LEAST_AREA = 200  # of a blob that may be a person [px]
+_TIE = 3  # a pixel that is nearer to one body than to the others by less may be of any [px]
 
 Masks = list[np.ndarray]
 """Per camera (height, width) bool."""
@@ -25,7 +26,7 @@ def told_apart(scene: Scene, subjects: Sequence[Subject], config: TrackConfig) -
     """Each frame's masks of each person in a scene, and of what may be in front of them, at the scale of ``config``.
 
     All are tracked at once, from the first poses of subjects in the scene's order. Of pixels that may be anybody's each
-    is that of whoever was nearest to it in the frame before; where two bodies were, it stays in doubt.
+    is that of whoever was clearly the nearest to it in the frame before, or stays in doubt.
     """
     rig, config = scene.rig(config.scale), replace(config, runs=1)
     trackers = [make_tracker(subject, rig, config, scene.rate) for subject in subjects]
@@ -35,9 +36,10 @@ def told_apart(scene: Scene, subjects: Sequence[Subject], config: TrackConfig) -
         people, hides = [list(each) for each in masks], list(things)
         for k, unsure in enumerate(several):
             away = np.array([_distance(views[k]) for views in drawn])
-            decided = unsure & (np.count_nonzero(away == 0, axis=0) < 2)
+            nearest, second = np.sort(away, axis=0)[:2]
+            decided = unsure & (second > nearest + _TIE)
             for n, person in enumerate(people):
-                person[k] = (person[k] & ~unsure) | (decided & (away.argmin(axis=0) == n))
+                person[k] = (person[k] & ~unsure) | (decided & (away[n] == nearest))
             hides[k] = things[k] | (unsure & ~decided)
         for tracker, observation in zip(trackers, _observations(people, hides), strict=True):
             tracker.step(observation)
@@ -87,7 +89,5 @@ def _observations(people: Sequence[Masks], things: Masks) -> Iterator[Observatio
 
 
 def _distance(body: np.ndarray) -> np.ndarray:
-    """(height, width) how far each pixel is outside of a silhouette [px], infinite where there is none."""
-    if not body.any():
-        return np.full(body.shape, np.inf, np.float32)
+    """(height, width) how far each pixel is outside of a silhouette [px]; very far where there is none."""
     return np.asarray(cv2.distanceTransform(1 - body.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE))

@@ -10,12 +10,10 @@ import numpy as np
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.commands.caller import Reporter, start_warp
-from mmocap_warp.commands.inputs import Frames, body_from, one_person, result_from, scene_from, span
+from mmocap_warp.commands.inputs import Frames, one_person, result_from, scene_from, span
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.fitting import subject_fit
-from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import holds_result
@@ -24,14 +22,13 @@ from mmocap_warp.masks.mask_check import MaskJudge, MaskReport
 from mmocap_warp.masks.mask_program import find_program
 from mmocap_warp.masks.subtraction import mask_around_body
 from mmocap_warp.result.result import Result
-from mmocap_warp.rigging.attaching import carrying
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.scene.drafting import tracking_scale
 from mmocap_warp.scene.mask_writing import Refine, write_masks
 from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program, with_people
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.tracking.telling_apart import first_observations, told_apart
+from mmocap_warp.tracking.telling_apart import told_apart
 from mmocap_warp.tracking.track_config import TrackConfig
 
 
@@ -106,7 +103,6 @@ def mask(
     total, consistency = loaded.frame_count, list[Consistency]()
     if by_program if consistent is None else consistent:
         consistency = [Consistency(loaded.rig(scale)) for _ in loaded.people or [loaded]]
-    apart = _told_apart(loaded, scale, reporter) if loaded.of_several else None
     with reporter.stage("mask") as progress:
         written = write_masks(
             loaded,
@@ -116,7 +112,7 @@ def mask(
             look=judge.add,
             refine=refine,
             images=images,
-            apart=apart,
+            apart=_told_apart(loaded, scale) if loaded.of_several else None,
             make_consistent=consistency,
         )
     if program is not None:
@@ -154,22 +150,15 @@ def with_masks(scene: Scene, reporter: Reporter) -> Scene:
     return made.of_person(scene.person) if scene.of_several and scene.person else made
 
 
-def _told_apart(
-    scene: Scene, scale: float, reporter: Reporter
-) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:
-    """Each frame's masks of everybody, by their poses. Whoever has no subject is fitted to the first frame."""
+def _told_apart(scene: Scene, scale: float) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:
+    """Each frame's masks of everybody, by their poses."""
     config = replace(config_from_table(TrackConfig, scene.settings("track")), scale=scale)
-    one_frame = replace(config_from_table(FitConfig, scene.settings("fit")), frames=1)
     start_warp(config.device)
-    everybody = {name: scene.of_person(name) for name in scene.people}
-    subjects = {name: read_subject(own.subject) for name, own in everybody.items() if own.subject}
-    if len(subjects) < len(everybody):
-        for (name, own), seen in zip(everybody.items(), first_observations(scene, scale), strict=True):
-            if name not in subjects:
-                body = carrying(body_from(None, own), scene.attached).body
-                with reporter.stage(f"fit {name}", None):
-                    subjects[name] = subject_fit.fit_clip(body, scene.rig(scale), scene.rate, [seen], one_frame)
-    return told_apart(scene, [subjects[name] for name in everybody], config)
+    files = {name: person.subject for name, person in scene.people.items()}
+    if lacks := [name for name, file in files.items() if file is None]:
+        problem = f"labels that may be of several people need everybody's subject, and {lacks[0]} has none"
+        raise InputError(scene.path, problem, f"fit one where they are apart, and name it in [people.{lacks[0]}]")
+    return told_apart(scene, [read_subject(file) for file in files.values() if file], config)
 
 
 def _remedy(scene: Scene, folder: Path) -> str:

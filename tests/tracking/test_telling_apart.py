@@ -1,17 +1,22 @@
 """Pixels that may be of several people are given to whoever's body explains them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from boxed_figure import FIGURE, rig_of, seen
+from synthetic import synthetic_result
 
+from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.result_commands import _doubt_together
+from mmocap_warp.commands.mask import mask
 from mmocap_warp.errors import InputError
-from mmocap_warp.masks.observation import unpack_masks
+from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.synthesis.writing import write_made_scene
 from mmocap_warp.tracking import telling_apart
-from mmocap_warp.tracking.telling_apart import first_observations, told_apart
+from mmocap_warp.tracking.telling_apart import told_apart
 from mmocap_warp.tracking.track_config import TrackConfig
 
 VIEWS, UNTOLD = 5, 255
@@ -49,21 +54,20 @@ def made(folder, places, several=UNTOLD):
     return load_scene(write_made_scene(folder, boxes, None, name="boxes", about="Boxes.", foreground=tables))
 
 
-def test_who_stands_apart_is_told_before_any_pose_is_known(tmp_path):
-    scene = made(tmp_path, [(-0.8, 0.8)])
-    shown = [unpack_masks(each.words, scene.rig().size) for each in first_observations(scene, 1.0)]
-    figures = [seen(scene.rig(), FIGURE, place) for place in (-0.8, 0.8)]
-    common = np.array([[np.sum([a & b for a, b in zip(own, each, strict=True)]) for each in figures] for own in shown])
-    who = common.argmax(axis=1)  # without labels either may be the first
-    assert sorted(who) == [0, 1]
-    assert (common.max(axis=1) > 0.5 * np.sum(figures) / 2).all()
-    assert (common.min(axis=1) < 0.1 * common.max(axis=1)).all()
+def test_everybodys_subject_is_asked_for(tmp_path):
+    with pytest.raises(InputError, match="anna has none"):
+        mask(made(tmp_path / "scene", [(-0.8, 0.8)]).path, tmp_path / "masks")
 
 
-def test_who_is_one_blob_in_the_first_frame_is_refused(tmp_path):
-    scene = made(tmp_path, [(-0.1, 0.1)])
-    with pytest.raises(InputError, match="shows 1 of 2 people apart"):
-        first_observations(scene, 1.0)
+def test_a_frame_in_which_one_is_in_doubt_is_in_doubt_for_all(tmp_path):
+    results = [
+        replace(synthetic_result(4, runs=1), status=np.array([row], np.int8)) for row in ([0, 1, 0, 0], [0, 0, 0, 2])
+    ]
+    done = {name: (tmp_path / f"{name}.usdc", each) for name, each in zip(("anna", "ben"), results, strict=True)}
+    _doubt_together(done, Console())
+    for name, status in (("anna", [0, 1, 0, 1]), ("ben", [0, 1, 0, 2])):
+        np.testing.assert_array_equal(done[name][1].status, [status])
+        np.testing.assert_array_equal(read_result(tmp_path / f"{name}.usdc").status, [status])
 
 
 def test_blobs_are_split_by_where_everybody_was_in_the_frame_before(tmp_path, monkeypatch):

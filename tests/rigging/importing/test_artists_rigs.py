@@ -12,13 +12,14 @@ import trimesh
 from made_up_rigs import JOINTS, write_creature
 
 from mmocap_warp.body.mesh_pieces import is_closed
+from mmocap_warp.body.rotations import nearest_rotation
 from mmocap_warp.cli import main
 from mmocap_warp.formats.rigged.gltf import read_gltf
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.kernels.contour import descent
 from mmocap_warp.rigging.importing.closing import closed, closed_pieces
 from mmocap_warp.rigging.importing.freedom import MOST_SEARCHED
-from mmocap_warp.rigging.importing.imported import imported, nearest_rotation
+from mmocap_warp.rigging.importing.imported import imported
 
 
 def creature(folder: Path, **changes) -> RiggedMesh:

@@ -84,7 +84,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
 
 _SEEN = np.radians(15.0)  # a hinge that motions turn by more about another axis is none
 _MARGIN = np.radians(10.0)  # limits are wider than what motions show
-_POLE = np.radians(85.0)  # limit of the middle angle
+_FARTHEST = np.radians([180.0, 85.0, 180.0])  # that any angle may be; at 90 the middle one would lock the others
 
 
 def as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> list[Freedom]:
@@ -96,11 +96,10 @@ def as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> list[Freedom]:
             continue
         own = how.frame.T @ transposed(world[:, mesh.parent[joint]]) @ world[:, joint] @ how.frame
         angles = continuous_zyx_angles(own, np.tile([-np.pi, np.pi], (3, 1)))
-        seen = np.stack([np.minimum(angles.min(axis=0) - _MARGIN, 0), np.maximum(angles.max(axis=0) + _MARGIN, 0)], 1)
-        free = how.free if (np.abs(np.delete(angles, 0, axis=1)) <= _SEEN).all() else "xyz"
-        seen = np.clip(seen, *np.array([[-np.pi, -_POLE, -np.pi], [np.pi, _POLE, np.pi]])[..., None])
-        limits = np.stack([np.minimum(how.limits, seen)[:, 0], np.maximum(how.limits, seen)[:, 1]], axis=1)
-        limits[["xyz".index(axis) for axis in "xyz" if axis not in free]] = 0.0
+        free = how.free if (np.abs(angles[:, 1:]) <= _SEEN).all() else "xyz"
+        reach = np.concatenate([angles - _MARGIN, angles + _MARGIN, how.limits.T]).clip(-_FARTHEST, _FARTHEST)
+        limits = np.stack([reach.min(axis=0), reach.max(axis=0)], axis=1)
+        limits[[axis not in free for axis in "xyz"]] = 0.0
         found[joint] = replace(how, free=free, limits=limits)
     return found
 

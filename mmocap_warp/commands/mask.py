@@ -139,15 +139,21 @@ def with_masks(scene: Scene, reporter: Reporter) -> Scene:
     by_program = scene.foreground.source == "program"
     if not (by_program or scene.of_several):
         return scene
-    name = "masks" if by_program else "people"
+    name = "masks" if by_program else "apart"
     folder = scene.directory / (name if scene.path.stem == "scene" else f"{scene.path.stem}-{name}")
-    if not (folder / "scene.toml").exists():
+    # What program made them is not known; by poses they are made anew once scene or subjects have changed.
+    file, subjects = folder / "scene.toml", [person.subject for person in scene.people.values() if person.subject]
+    since = [] if by_program else [each.stat().st_mtime for each in (scene.path, *subjects)]
+    if not file.exists() or max(since, default=0) > file.stat().st_mtime:
         scale = tracking_scale(scene.calibrated.size) if by_program and "scale" not in scene.track else 1.0
-        for fault in mask(scene.path, folder, scale=scale, reporter=reporter).report.faults:
+        made = mask(scene.path, folder, scale=scale, force=not by_program, reporter=reporter)
+        for fault in made.report.faults if by_program else ():
             reporter.warn(f"{folder}: {fault}")
+        if not by_program:
+            reporter.note(f"people: told apart by their poses; look at {made.overlay}")
     frames = scene.frames
-    made = load_scene(folder, f"{frames.start}:{frames.stop}:{frames.step}")
-    return made.of_person(scene.person) if scene.of_several and scene.person else made
+    told = load_scene(folder, f"{frames.start}:{frames.stop}:{frames.step}")
+    return told.of_person(scene.person) if scene.of_several and scene.person else told
 
 
 def _told_apart(scene: Scene, scale: float) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:

@@ -29,6 +29,9 @@ def with_labels(
     roles = {role: _take_labels(table, role, sources) for role in _ROLES}
     several = _take_labels(table, "several", sources)
     table.finish()
+    for unsure, *others in zip(several, *roles.values(), strict=True):
+        if both := {*unsure} & {*chain(*others)}:
+            raise table.error(f"several and another key name label {min(both)}", "leave it out of one of them")
     if any(len(labels) > 1 for labels in roles["person"]):
         raise table.error("person has several labels", "name several people in tables of their own: [people.<name>]")
     if any(map(any, [several, *roles.values()])) and foreground.source != "masks":

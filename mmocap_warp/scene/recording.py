@@ -154,7 +154,7 @@ class Scene:
     @property
     def of_several(self) -> bool:
         """Whether its masks do not tell its people apart."""
-        return len(self.people) > 1 and any(source.several for source in self.cameras)
+        return bool(self.people) and any(source.several for source in self.cameras)
 
     def of_person(self, name: str) -> Scene:
         """The same recording as one of its people is tracked in it: all others may be in front.

@@ -113,6 +113,8 @@ def load_scene(
         kinds = (kind for kind in BACKGROUNDS if all(getattr(each, need) for each in sources for need in _IMAGES[kind]))
         foreground = replace(foreground, source=next(kinds, "recording"))
     named_people = read_people(people, sources, foreground, path, body)
+    if len(named_people) < 2 and any(each.several for each in sources):
+        raise labels.error("several is of two people or more", "name them in tables of their own: [people.<name>]")
     if not (tracked is None or tracked in named_people):
         raise about.error(f'person = "{tracked}" has no table', f"add [people.{tracked}], or leave person out")
     needs = [each for each in _IMAGES[foreground.source] if not (live and each in ("video", "masks"))] if masks else []
@@ -213,9 +215,9 @@ def _check_sources(
             _check_masks(source.masks, source.label or foreground.identity)
 
     for name, person in people.items() if "masks" in needs else ():
-        of_views = [(source.masks, person.labels[k]) for k, source in enumerate(sources) if source.masks is not None]
-        shown = [decode_mask(image, label).any() for masks, label in of_views for image in masks.sample(_SAMPLES)]
-        if not (any(shown) or any(source.several for source in sources)):
+        of_views = [(each.masks, (person.labels[k], *each.several)) for k, each in enumerate(sources) if each.masks]
+        images = ((image, labels) for masks, labels in of_views for image in masks.sample(_SAMPLES))
+        if not any(decode_mask(image, label).any() for image, labels in images for label in labels):
             where = f"{table.source}: [people.{name}]"
             raise InputError(where, f"no mask shows label {person.labels[0]}", "give that of the person in the masks")
 

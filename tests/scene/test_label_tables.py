@@ -133,6 +133,10 @@ def test_a_result_finds_its_person_again(folder):
         ("[people.anna]\nlabel = 8\n", "no mask shows label 8"),
         ("[people.anna]\nlabel = 1\nsubject = 'none.usdc'\n", "none.usdc does not exist"),
         ("[people.anna]\nlabel = 1\nheight = 2\n", "height"),
+        ("[labels]\nseveral = 3\nperson = 1\n", "several is of two people or more"),
+        ("[labels]\nseveral = 3\n[people.anna]\nlabel = 1\n", "several is of two people or more"),
+        ("[labels]\nseveral = 3\nthing = [3, 4]\n" + PEOPLE, "several and another key name label 3"),
+        ("[labels]\nseveral = 9\n[people.anna]\nlabel = 8\n[people.ben]\nlabel = 2\n", "no mask shows label 8"),
     ],
 )
 def test_tables_that_cannot_be_are_refused(folder, text, message):

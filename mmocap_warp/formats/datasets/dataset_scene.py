@@ -9,6 +9,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.sandbox import sandboxed
 from mmocap_warp.formats.toml_table import quoted
@@ -33,7 +34,7 @@ source = "recording"
 
 def read_numbers(path: str | Path) -> np.ndarray:
     """(n,) float64, all numbers of the file."""
-    text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
+    text = read_text(path, REMEDY, missing=REMEDY, most=MOST_BYTES, encoding="ascii")
     try:
         numbers = np.array([float(word) for word in text.split()])
     except ValueError as error:

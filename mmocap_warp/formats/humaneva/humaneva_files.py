@@ -10,7 +10,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of, refuse_huge
+from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of
 from mmocap_warp.formats.datasets.dataset_scene import REMEDY, read_numbers
 from mmocap_warp.whole_file import read_text
 
@@ -37,7 +37,6 @@ def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
     the same order, and he too counts pixel centres from 0. Some files go on with the rotation as a Rodrigues vector,
     which says nothing new. No file says the ``size`` of the images, width and height [px].
     """
-    refuse_huge(path)
     numbers = read_numbers(path)
     if len(numbers) < _COUNT:
         raise InputError(path, f"holds {len(numbers)} numbers of {_COUNT}", REMEDY)

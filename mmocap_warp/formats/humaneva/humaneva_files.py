@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of
 from mmocap_warp.formats.datasets.dataset_scene import REMEDY, read_numbers
 from mmocap_warp.whole_file import read_text
@@ -19,10 +19,8 @@ def read_measures(path: str | Path) -> dict[str, float]:
     """Vicon's measures of a subject [mm, degrees] by name, from lines such as ``$LKneeWidth = 105.0``."""
     text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
     lines = re.findall(r"^\s*\$(\w+)\s*=\s*([-+.\deE]+)\s*$", text, re.M)
-    try:
+    with input_errors(path, "{error}", REMEDY, ValueError):
         return {name: float(value) for name, value in lines}
-    except ValueError as error:
-        raise InputError(path, str(error), REMEDY) from None
 
 
 _COUNT = 22

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, rig_of
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.datasets.dataset_scene import CameraFiles, DatasetScene
 from mmocap_warp.formats.humaneva import vicon_points
 from mmocap_warp.formats.humaneva.humaneva_files import (
@@ -190,10 +190,8 @@ def _read_measures(folder: Path, subject: str) -> vicon_points.SubjectMeasures:
     for name in offsets:
         if name not in measures:
             raise InputError(path, f"has no line ${name} = ...", REMEDY)
-    try:
+    with input_errors(static, "{error}", REMEDY, vicon_points.MissingPointError):
         radius = vicon_points.torso_radius(read_c3d(static))
-    except vicon_points.MissingPointError as error:
-        raise InputError(static, str(error), REMEDY) from None
     if not np.isfinite(radius):
         raise InputError(static, "never shows LSHO and RSHO together", REMEDY)
     left, right = (measures[name] / 1000 for name in offsets)

@@ -176,14 +176,15 @@ def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, f
         raise InputError(path, problem, "choose other frames, or check that .c3d and .ofs belong together")
     names, joints, why = vicon_points.JOINT_NAMES, np.zeros((len(frames), 0, 3)), ""
     try:
-        joints = vicon_points.joint_positions(tracks, position, _read_measures(folder, subject))
+        joints = vicon_points.joint_positions(tracks, position, *_read_measures(folder, subject))
     except vicon_points.MissingPointError as error:
         names, why = (), f"{path.name} {error}"
     joints = np.where(valid[:, None, None], joints, np.nan)
     return Truth(FPS, frames - frames[0], vicon_points.MARKERS, markers, names, joints), why
 
 
-def _read_measures(folder: Path, subject: str) -> vicon_points.SubjectMeasures:
+def _read_measures(folder: Path, subject: str) -> tuple[float, list[float]]:
+    """The radius of the torso, and the offsets of both shoulders [m]."""
     path, static = _find_entry(folder, f"{subject}.mp"), _find_entry(folder, "Static.c3d")
     measures = read_measures(path)
     offsets = [f"{side}ShoulderOffset" for side in "LR"]
@@ -194,8 +195,7 @@ def _read_measures(folder: Path, subject: str) -> vicon_points.SubjectMeasures:
         radius = vicon_points.torso_radius(read_c3d(static))
     if not np.isfinite(radius):
         raise InputError(static, "never shows LSHO and RSHO together", REMEDY)
-    left, right = (measures[name] / 1000 for name in offsets)
-    return vicon_points.SubjectMeasures(radius, (left, right))
+    return radius, [measures[name] / 1000 for name in offsets]
 
 
 def _find_background(folder: Path, camera: str, video: Frames) -> Frames:

@@ -11,15 +11,7 @@ import numpy as np
 from mmocap_warp.cameras.rig import CameraRig, rig_of
 from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.datasets.dataset_scene import CameraFiles, DatasetScene
-from mmocap_warp.formats.humaneva import vicon_points
-from mmocap_warp.formats.humaneva.humaneva_files import (
-    REMEDY,
-    Synchronisation,
-    read_cal,
-    read_measures,
-    read_ofs,
-    synchronise,
-)
+from mmocap_warp.formats.humaneva import humaneva_files, vicon_points
 from mmocap_warp.formats.motion.captured_points import read_c3d
 from mmocap_warp.masks.frames import Frames, as_colour, open_frames
 from mmocap_warp.result.truth import Truth
@@ -88,7 +80,9 @@ def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: 
     videos = [_open_video(_find_entry(data, "Image_Data"), f"{trial}_({camera})") for camera in CAMERAS]
     rig = _read_rig(_find_entry(data, "Calibration_Data"), videos)
     sync_data = _find_entry(data, "Sync_Data")
-    sync = synchronise([read_ofs(_find_entry(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS])
+    sync = humaneva_files.synchronise(
+        [humaneva_files.read_ofs(_find_entry(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS]
+    )
     _check_range(videos, sync, end)
     truth, no_joints = _read_truth(_find_entry(data, "Mocap_Data"), subject, trial, sync, np.arange(begin, end + 1))
     empty_room = _find_entry(root, "Background")
@@ -120,7 +114,7 @@ def _entries(folder: Path) -> dict[str, Path]:
     return {entry.name.lower(): entry for entry in folder.iterdir()}
 
 
-def _find_entry(folder: Path, name: str, remedy: str = REMEDY) -> Path:
+def _find_entry(folder: Path, name: str, remedy: str = humaneva_files.REMEDY) -> Path:
     entry = _entries(folder).get(name.lower())
     if entry is None:
         raise InputError(folder, f"holds no {name}", remedy)
@@ -136,20 +130,20 @@ def _images(folder: Path, name: str) -> Path | None:
 def _open_video(folder: Path, name: str) -> Frames:
     path = _images(folder, name)
     if path is None:
-        raise InputError(folder, f"holds no {name}.avi and no folder {name}", REMEDY)
+        raise InputError(folder, f"holds no {name}.avi and no folder {name}", humaneva_files.REMEDY)
     return open_frames(path)
 
 
 def _read_rig(folder: Path, videos: Sequence[Frames]) -> CameraRig:
     pairs = zip(CAMERAS, videos, strict=True)
-    cameras = [read_cal(_find_entry(folder, f"{name}.cal"), name, video.size) for name, video in pairs]
+    cameras = [humaneva_files.read_cal(_find_entry(folder, f"{name}.cal"), name, video.size) for name, video in pairs]
     try:
         return rig_of(cameras, "+z", folder)
     except InputError as error:  # whose remedy is for calibrations that the user made
-        raise InputError(error.source, error.problem, REMEDY) from None
+        raise InputError(error.source, error.problem, humaneva_files.REMEDY) from None
 
 
-def _check_range(videos: Sequence[Frames], sync: Synchronisation, last: int) -> None:
+def _check_range(videos: Sequence[Frames], sync: humaneva_files.Synchronisation, last: int) -> None:
     ends = [len(video) - int(start) + 1 for video, start in zip(videos, sync.start, strict=True)]
     for video, end in zip(videos, ends, strict=True):
         if end < last:
@@ -158,7 +152,9 @@ def _check_range(videos: Sequence[Frames], sync: Synchronisation, last: int) -> 
             raise InputError(video.path, problem, remedy)
 
 
-def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, frames: np.ndarray) -> tuple[Truth, str]:
+def _read_truth(
+    folder: Path, subject: str, trial: str, sync: humaneva_files.Synchronisation, frames: np.ndarray
+) -> tuple[Truth, str]:
     """The truth, and why it has no joints."""
     path = _find_entry(folder, f"{trial}.c3d")
     tracks = read_c3d(path)
@@ -186,15 +182,15 @@ def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, f
 def _read_measures(folder: Path, subject: str) -> tuple[float, list[float]]:
     """The radius of the torso, and the offsets of both shoulders [m]."""
     path, static = _find_entry(folder, f"{subject}.mp"), _find_entry(folder, "Static.c3d")
-    measures = read_measures(path)
+    measures = humaneva_files.read_measures(path)
     offsets = [f"{side}ShoulderOffset" for side in "LR"]
     for name in offsets:
         if name not in measures:
-            raise InputError(path, f"has no line ${name} = ...", REMEDY)
-    with input_errors(static, "{error}", REMEDY, vicon_points.MissingPointError):
+            raise InputError(path, f"has no line ${name} = ...", humaneva_files.REMEDY)
+    with input_errors(static, "{error}", humaneva_files.REMEDY, vicon_points.MissingPointError):
         radius = vicon_points.torso_radius(read_c3d(static))
     if not np.isfinite(radius):
-        raise InputError(static, "never shows LSHO and RSHO together", REMEDY)
+        raise InputError(static, "never shows LSHO and RSHO together", humaneva_files.REMEDY)
     return radius, [measures[name] / 1000 for name in offsets]
 
 
@@ -202,11 +198,11 @@ def _find_background(folder: Path, camera: str, video: Frames) -> Frames:
     names = [f"Background_{clip}_({camera})" for clip in _CLIPS]
     clips = [open_frames(path) for name in names if (path := _images(folder, name)) is not None]
     if not clips:
-        raise InputError(folder, f"holds none of {', '.join(names)} (.avi)", REMEDY)
+        raise InputError(folder, f"holds none of {', '.join(names)} (.avi)", humaneva_files.REMEDY)
     for clip in clips:
         if clip.size != video.size:
             actual, wanted = ("{}x{}".format(*frames.size) for frames in (clip, video))
-            raise InputError(clip.path, f"is {actual}, the camera's video is {wanted}", REMEDY)
+            raise InputError(clip.path, f"is {actual}, the camera's video is {wanted}", humaneva_files.REMEDY)
     return clips[nearest_background(video, clips)]
 
 

@@ -87,9 +87,7 @@ def solve_body_in_clip(
     return solved, cost / share
 
 
-def follow(
-    subject: Subject, rig: CameraRig, clip: list[Observation], fps: float, config: TrackConfig
-) -> Followed:
+def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float, config: TrackConfig) -> Followed:
     """Follow a subject in its first pose through consecutive frames until one is lost, and back again.
 
     A limb that the first frame did not show is found when it moves; on the way back it is known where it comes from.

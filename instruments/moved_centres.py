@@ -18,12 +18,12 @@ from make_body import joint_frames, joint_limits
 from person_skeleton import human_skeleton
 from walk_scene import walking, write_walk
 
-import mmocap_warp as mm
 from mmocap_warp.biomechanics.joint_angles import joint_angles
 from mmocap_warp.body.joint_sets import JointSet, joint_set
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.commands.track import fit, track
 from mmocap_warp.formats.usd.usd_body import write_body
 from mmocap_warp.result.marker_errors import triangulated
 from mmocap_warp.rigging.shipped import load_body
@@ -163,8 +163,8 @@ def compare_angles(folder: Path, files: dict[str, str], to: str, kinds: list[str
         scene = write_walk(folder / f"walk-{filmed}", made)
         truth = anatomical(made.body, made.root_base, made.poses, joint_set(to, made.body))
         for tracked, file in files.items():
-            subject = mm.fit(scene, file)
-            pose = mm.track(scene, subject).pose[0]
+            subject = fit(scene, file)
+            pose = track(scene, subject).pose[0]
             found = anatomical(subject.body, subject.root_base, pose, joint_set(to, subject.body))
             off = [
                 np.mean([np.sqrt(((found[s + joint][name] - truth[s + joint][name]) ** 2).mean()) for s in "LR"])

@@ -217,8 +217,8 @@ def _finished(
         again = collect(result.subject, result.cameras, result.fps, config, answers)
         names, numbers = result.cameras.names, result.frame_numbers
         left_out = {name: numbers[frozen[:, k]].tolist() for k, name in enumerate(names) if frozen[:, k].any()}
-        told = {"frame_numbers": numbers, "config": result.config | {"frozen_views": left_out}}
-        result = replace(again, **told, seconds=result.seconds + again.seconds)
+        told, seconds = result.config | {"frozen_views": left_out}, result.seconds + again.seconds
+        result = replace(again, frame_numbers=numbers, config=told, seconds=seconds)
     status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
     result = replace(result, status=status)
     raw = result.pose

@@ -346,17 +346,9 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
         held += best.parameters
         before = gain_of(held)
     # The chosen changes together.
-    step = np.zeros(len(value))
-    step[held] = best_step(held)
-    change = np.zeros(solution.free.shape)
-    change[solution.free] = step
+    change, camera = np.zeros(solution.free.shape), np.arange(len(rig))[:, None]
+    change[tuple(np.argwhere(solution.free)[held].T)] = best_step(held)
     return tuple(
-        Finding(
-            rig.names[k],
-            best.cause,
-            change=np.where(np.arange(len(rig))[:, None] == k, change, 0.0),
-            explained=best.gain / total,
-            others=best.others,
-        )
+        Finding(rig.names[k], best.cause, np.where(camera == k, change, 0.0), best.gain / total, best.others)
         for k, best in chosen.items()
     )

@@ -20,7 +20,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
 from mmocap_warp.formats.motion.motion_clip import read_bvh
-from mmocap_warp.formats.table import POINT_CACHES, export, export_format
+from mmocap_warp.formats.table import EXPORTS, POINT_CACHES, export, format_of
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.result.excerpt import stood_up
 from mmocap_warp.result.result import Result
@@ -143,7 +143,7 @@ def test_the_joints_are_read_back(tmp_path: Path, suffix: str, up: str) -> None:
         joints, expected = np.diff(joints, axis=1), np.diff(result.joints()[result.best_run], axis=1)
         joints, expected = np.linalg.norm(joints, axis=2), np.linalg.norm(expected, axis=2)
     else:
-        expected = stood_up(result, export_format(tmp_path / f"a{suffix}").up or up).joints()[result.best_run]
+        expected = stood_up(result, format_of(EXPORTS, tmp_path / f"a{suffix}").up or up).joints()[result.best_run]
     np.testing.assert_allclose(joints, expected, rtol=0, atol=SAME)
 
 

@@ -306,7 +306,7 @@ def export(
             [default: the result's own, or the format's]
         rig: name and bind the body as this rig, in its rest pose: mixamo, unity, unreal, vrm or soma. [default: vrm in
             a .vrma]
-        joint_set: tables of points only: whose joints they hold, as eval takes it.
+        joint_set: tables only: whose joints they go by, as eval takes it.
         bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
         force: replace files that exist.
 

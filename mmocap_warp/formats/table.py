@@ -37,7 +37,7 @@ class Format:
     open_units: bool = False  # of a calibration: whether neither its files nor its writers' custom say its unit
     open_sizes: bool = False  # of a calibration: whether it may leave out how large the images are
     beside: tuple[str, ...] = ()  # names of further files that a calibration of it is written to
-    takes_joint_set: bool = False  # of an export: whether it may hold the points of a joint set
+    takes_joint_set: bool = False  # of an export: whether it may go by a joint set
     people: tuple[str, ...] = ()  # of an export: endings of files that hold several people, whose results come by name
     lenses: str = ""  # of a calibration that may lack the cameras' places: the function that reads such a file
 
@@ -110,7 +110,7 @@ EXPORTS: tuple[Format, ...] = (
     Format("glTF", (".glb", ".vrma"), "exports.glb:write_glb", up="+y", people=(".glb",)),
     Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
     Format("OpenSim markers", (".trc",), "exports.tables:write_trc", up="+y", takes_joint_set=True),
-    Format("OpenSim motion", (".mot",), "exports.tables:write_mot", up="+y"),
+    Format("OpenSim motion", (".mot",), "exports.tables:write_mot", up="+y", takes_joint_set=True),
     Format("C3D", (".c3d",), "exports.tables:write_c3d", takes_joint_set=True),
     Format("CSV", (".csv",), "exports.tables:write_csv", takes_joint_set=True),
     Format("Parquet", (".parquet",), "exports.tables:write_parquet", takes_joint_set=True),

@@ -109,3 +109,13 @@ def between(first: np.ndarray, second: np.ndarray, share: np.ndarray) -> np.ndar
     way = Rotation.from_matrix((transposed(first) @ second).reshape(-1, 3, 3)).as_rotvec()
     part = Rotation.from_rotvec(way * np.broadcast_to(share, first.shape[:-2]).reshape(-1, 1)).as_matrix()
     return first @ part.reshape(first.shape)
+
+
+def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) the rotations nearest to some matrices, which may be scaled; of a mirrored one, to its negative.
+
+    To turn round all axes of a mirrored matrix is the one choice that does not change from frame to frame.
+    """
+    u, _, vt = np.linalg.svd(matrix)
+    factor = u @ vt
+    return factor * np.sign(np.linalg.det(factor))[..., None, None]

@@ -30,8 +30,8 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
 
     ``frames`` counts those that show anything new, and ``trusted`` those of them that are ``tracked`` or ``rescued``,
     or ``partial`` with no part of the body in doubt, in two views or more, with at most half of the body in doubt. None
-    is where a camera is over 35 mm off, 15 of three or where most are, or where there is a ``problem``: masks and
-    calibration fit no body, and were trusted all the same.
+    is where a camera is over 35 mm off, 15 of three or where most are, where there is a ``problem``: masks and
+    calibration fit no body, and were trusted all the same, or where the fit left it ``undecided`` how the body stands.
     ``holds`` says whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over 100 mm
     off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how many
     frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while the
@@ -61,15 +61,18 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     wrong = _WRONG_SHIFT if held else _MAX_SHIFT
     off = max(cameras.values(), default=0.0) > 1000 * wrong * size
     frozen = {name: np.intersect1d(each, numbers) for name, each in result.config.get("frozen_views", {}).items()}
+    fitted = result.subject.provenance
+    undecided = fitted.get("fit.alternative") if fitted.get("fit.decided") == "no" else None
     problem, repeated = result.config.get("trusted_cameras"), int((status == "repeated").sum())
     values: dict[str, Any] = {
         "frames": len(status) - repeated,
-        "trusted": 0 if off or problem else int(good.sum()),
+        "trusted": 0 if off or problem or undecided else int(good.sum()),
         "parts": {name: numbers[doubt[:, i]].tolist() for i, name in enumerate(skeleton.parts) if doubt[:, i].any()},
         "cameras": cameras,
         "repeated": repeated,
         "frozen": {name: frames.tolist() for name, frames in frozen.items() if len(frames)},
         "problem": problem,
+        "undecided": undecided,
     }
     holds = 2 * values["trusted"] >= values["frames"]
     return values | {"holds": holds, "lines": _lines(values), "next": _next_step(bool(cameras), holds, scene)}
@@ -88,6 +91,9 @@ def _lines(values: dict[str, Any]) -> list[str]:
     lines = [f"{values['trusted']} of {values['frames']} frames trusted"]
     if values["problem"]:
         return [*lines, f"masks and calibration fit no body: {values['problem']}"]
+    if values["undecided"]:
+        otherwise = {"turned": "turned round", "swapped": "with limbs in each other's place"}[values["undecided"]]
+        lines.append(f"the body may be {otherwise}: that explains the first seconds as well; look at the overlay")
     if values["cameras"]:
         off = [f"{name} by {shift:.0f} mm" for name, shift in values["cameras"].items()]
         lines.append(f"cameras that disagree with the others: {', '.join(off)} at the body")

@@ -51,6 +51,17 @@ def test_frames_without_a_pose_of_their_own_are_not_trusted(name, trusted):
     assert told["next"] == (None if told["holds"] else "mmocap calib check s.toml")
 
 
+def test_a_fit_that_left_two_ways_open_is_not_trusted():
+    subject = synthetic_result(FRAMES, runs=1, cameras=CAMERAS).subject
+    for decided, trusted in (("yes", FRAMES), ("no", 0)):
+        fitted = {"fit.decided": decided, "fit.alternative": "turned"}
+        told = judged(subject=replace(subject, provenance=fitted))
+        assert (told["trusted"], told["holds"]) == (trusted, bool(trusted))
+    assert told["lines"][1] == (
+        "the body may be turned round: that explains the first seconds as well; look at the overlay"
+    )
+
+
 def test_one_view_is_not_enough():
     iou = np.full((1, FRAMES, CAMERAS), 0.9)
     iou[0, :2, 1:] = np.nan

@@ -1,4 +1,4 @@
-"""A penalty on how the points of a body accelerate, in physical units: the same at any frame rate."""
+"""A penalty on how the points of a body accelerate, in physical units."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ FAR = 1.0
 """An error of this many standard deviations, shared by the frames around, pulls half as hard as its square would."""
 UNSEEN = 14.4
 """Standard deviation of an acceleration that no frame shows [m/s^2], as large as that of hands and feet that move."""
+USUAL_RATE = 60.0
+"""Frames a second. At lower rates a difference of velocities is a mean over longer, and varies by the rate's root."""
 AROUND = np.array([1, 4, 6, 4, 1]) / 16
 """Of errors of consecutive frames in the mean that says how far the middle one is."""
 HELD = 2 + len(AROUND) // 2
@@ -56,11 +58,12 @@ class MotionPenalty:
     least ``UNSEEN`` there.
 
     Args:
-        acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].
+        acceleration: standard deviation of a joint's acceleration at ``USUAL_RATE`` or more [m/s^2].
         rate: frames a second.
     """
 
     def __init__(self, acceleration: float, rate: float) -> None:
+        acceleration *= min(rate / USUAL_RATE, 1.0) ** 0.5
         self._scale = {1: rate / SPEED, 2: rate**2 / acceleration}
         self._far_unseen = {1: 1.0, 2: max(1.0, (UNSEEN / acceleration) ** 2)}
 

@@ -120,3 +120,14 @@ def reorder(mesh: RiggedMesh, order: list[int] | None = None) -> RiggedMesh:
         axes={rank[joint]: axis for joint, axis in mesh.axes.items() if joint in rank},
         motions={name: RiggedMotion(motion.fps, motion.world[:, order]) for name, motion in mesh.motions.items()},
     )
+
+
+def skinned(mesh: RiggedMesh, world: np.ndarray) -> np.ndarray:
+    """(vertex, 3) of the file's skin where its joints (joint, 4, 4) are."""
+    moved = world @ np.linalg.inv(mesh.bind)
+    share = mesh.weight / np.maximum(mesh.weight.sum(axis=1, keepdims=True), 1e-12)
+    at = np.concatenate([mesh.vertex, np.ones((len(mesh.vertex), 1))], axis=1)
+    posed = np.zeros((len(at), 3))
+    for joint, weight in zip(mesh.influence.T, share.T, strict=True):
+        posed += weight[:, None] * np.einsum("vab,vb->va", moved[joint, :3], at)
+    return posed

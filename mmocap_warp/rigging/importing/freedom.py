@@ -6,8 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from mmocap_warp.body.rotations import continuous_zyx_angles, nearest_rotation, transposed
 from mmocap_warp.body.skeleton import Pair
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, skinned
 from mmocap_warp.rigging.importing.joint_tree import chains, skin_below, skin_of
 
 _FLAT = 0.2  # bones lie in a plane if they leave it by less than this share of what they leave a line by
@@ -79,6 +80,52 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
         else:
             freedoms.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
     return freedoms
+
+
+_SEEN = np.radians(15.0)  # a hinge that motions turn by more about another axis is none
+_MARGIN = np.radians(10.0)  # limits are wider than what motions show
+_FARTHEST = np.radians([180.0, 85.0, 180.0])  # that any angle may be; at 90 the middle one would lock the others
+
+
+def as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> list[Freedom]:
+    """Freedom in which joints whose file says nothing turn at least as far as its motions show."""
+    found = list(freedom)
+    world = _all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])
+    for joint, how in enumerate(freedom):
+        if joint == 0 or not how.free or how.origin != "derived" or not len(world):
+            continue
+        own = how.frame.T @ transposed(world[:, mesh.parent[joint]]) @ world[:, joint] @ how.frame
+        angles = continuous_zyx_angles(own, np.tile([-np.pi, np.pi], (3, 1)))
+        free = how.free if (np.abs(angles[:, 1:]) <= _SEEN).all() else "xyz"
+        reach = np.concatenate([angles - _MARGIN, angles + _MARGIN, how.limits.T]).clip(-_FARTHEST, _FARTHEST)
+        limits = np.stack([reach.min(axis=0), reach.max(axis=0)], axis=1)
+        limits[[axis not in free for axis in "xyz"]] = 0.0
+        found[joint] = replace(how, free=free, limits=limits)
+    return found
+
+
+def held_as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[RiggedMesh, list[Freedom]]:
+    """The mesh with joints that are held bound as its motions have them on average, and the freedom of its joints.
+
+    A fist of held fingers stays a fist: an open hand is not what is filmed.
+    """
+    world, bind = _all_frames(mesh)[..., :3, :3], mesh.bind.copy()
+    held = [joint for joint, how in enumerate(freedom) if joint and not how.free and joint not in mesh.axes]
+    if not held or not len(world):
+        return mesh, freedom
+    for joint, above in enumerate(mesh.parent[1:], 1):
+        local = np.linalg.inv(mesh.bind[above]) @ mesh.bind[joint]
+        if joint in held:
+            local[:3, :3] = nearest_rotation((transposed(world[:, above]) @ world[:, joint]).mean(axis=0))
+        bind[joint] = bind[above] @ local
+    turned = bind[:, :3, :3] @ transposed(mesh.bind[:, :3, :3])
+    moved = [replace(how, frame=turn @ how.frame) for how, turn in zip(freedom, turned, strict=True)]
+    return replace(mesh, bind=bind, vertex=skinned(mesh, bind)), moved
+
+
+def _all_frames(mesh: RiggedMesh) -> np.ndarray:
+    """(frame, joint, 4, 4) all motions, one after the other."""
+    return np.concatenate([np.zeros((0, *mesh.bind.shape)), *(motion.world for motion in mesh.motions.values())])
 
 
 MOST_SEARCHED = 100

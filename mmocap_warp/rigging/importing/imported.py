@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh
-from mmocap_warp.body.rotations import applied, axis_vector, continuous_zyx_angles, transposed
+from mmocap_warp.body.rotations import applied, axis_vector, continuous_zyx_angles, nearest_rotation, transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.rigging.decimation import decimate
@@ -18,7 +18,7 @@ from mmocap_warp.rigging.importing.closing import (
     weighted,
     welded,
 )
-from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, without_fine_joints
+from mmocap_warp.rigging.importing.freedom import Freedom, as_seen, freedom_of, held_as_seen, without_fine_joints
 from mmocap_warp.rigging.importing.joint_tree import (
     mirrored_pairs,
     name_list,
@@ -95,10 +95,11 @@ def imported(
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
     # How its joints move, and the closed mesh that is tracked.
-    place = mesh.bind[:, :3, 3]
-    pairs = mirrored_pairs(mesh.joints, mesh.parent, place)
-    freedom, held_notes = without_fine_joints(mesh, freedom_of(mesh, pairs))
+    pairs = mirrored_pairs(mesh.joints, mesh.parent, mesh.bind[:, :3, 3])
+    freedom, held_notes = without_fine_joints(mesh, as_seen(mesh, freedom_of(mesh, pairs)))
     freedom = with_given(freedom, mesh.joints, given)
+    mesh, freedom = held_as_seen(mesh, freedom)
+    place = mesh.bind[:, :3, 3]
     skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles, skin_triangles)
     notes = [*mesh.notes, *_size_note(mesh, scale), *held_notes]
     if held := [name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides and not how.free]:
@@ -305,13 +306,3 @@ def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> Rigged
         facing="+z",
         metres=1.0,
     )
-
-
-def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) the rotations nearest to some matrices, which may be scaled; of a mirrored one, to its negative.
-
-    To turn round all axes of a mirrored matrix is the one choice that does not change from frame to frame.
-    """
-    u, _, vt = np.linalg.svd(matrix)
-    factor = u @ vt
-    return factor * np.sign(np.linalg.det(factor))[..., None, None]

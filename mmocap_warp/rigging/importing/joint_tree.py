@@ -54,7 +54,7 @@ def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
 
 
 _LOOSE = 0.05  # a joint that moves farther about another is not held by it; as a share of the mesh's extent
-_STEADIER = 0.7  # another joint must leave at most so much of a joint's motion for it to be hung there
+_STEADIER = 0.4  # another joint must leave at most so much of a joint's motion for it to be hung there
 
 
 def with_moving_parents(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:

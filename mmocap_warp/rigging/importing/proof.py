@@ -9,7 +9,7 @@ from mmocap_warp.body.model import BodyModel, BodyMotion, Subject
 from mmocap_warp.body.posing import skin_positions
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouette
 from mmocap_warp.device.resolve import start_quietly
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, skinned
 
 SAME_OUTLINE = 0.97
 """Overlap (intersection over union) of tracking mesh and file's skin in a view, below which a user is told."""
@@ -46,7 +46,7 @@ def worst_outline(body: BodyModel, mesh: RiggedMesh, motions: Mapping[str, BodyM
     tracked = skin_positions(subject, np.stack([pose for *_, pose in frames]), body.tracking_vertex)
     views = []
     for (when, world, _), posed in zip(frames, tracked, strict=True):
-        skin = _skinned(mesh, world)
+        skin = skinned(mesh, world)
         for view, axes in _VIEWS.items():
             low, high = (end([skin.min(axis=0), skin.max(axis=0)], axis=0) for end in (np.min, np.max))
             scale = _SIDE / max(float(np.max(high - low)), 1e-9)
@@ -64,17 +64,6 @@ def _bind_pose(body: BodyModel) -> np.ndarray:
     pose = np.zeros(body.skeleton.coordinates)
     pose[:3] = body.joint_rest[0]
     return pose
-
-
-def _skinned(mesh: RiggedMesh, world: np.ndarray) -> np.ndarray:
-    """(vertex, 3) of the file's skin where its joints (joint, 4, 4) are."""
-    moved = world @ np.linalg.inv(mesh.bind)
-    share = mesh.weight / np.maximum(mesh.weight.sum(axis=1, keepdims=True), 1e-12)
-    at = np.concatenate([mesh.vertex, np.ones((len(mesh.vertex), 1))], axis=1)
-    posed = np.zeros((len(at), 3))
-    for joint, weight in zip(mesh.influence.T, share.T, strict=True):
-        posed += weight[:, None] * np.einsum("vab,vb->va", moved[joint, :3], at)
-    return posed
 
 
 def _compared(own: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -12,13 +12,16 @@ import trimesh
 from made_up_rigs import JOINTS, write_creature
 
 from mmocap_warp.body.mesh_pieces import is_closed
+from mmocap_warp.body.rotations import applied, nearest_rotation, turn
 from mmocap_warp.cli import main
 from mmocap_warp.formats.rigged.gltf import read_gltf
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.kernels.contour import descent
 from mmocap_warp.rigging.importing.closing import closed, closed_pieces
 from mmocap_warp.rigging.importing.freedom import MOST_SEARCHED
-from mmocap_warp.rigging.importing.imported import imported, nearest_rotation
+from mmocap_warp.rigging.importing.imported import imported
+from mmocap_warp.rigging.importing.joint_tree import with_moving_parents
+from mmocap_warp.rigging.importing.joints_file import GivenJoint, GivenJoints
 
 
 def creature(folder: Path, **changes) -> RiggedMesh:
@@ -89,15 +92,12 @@ def test_feet_that_hang_on_the_root_are_hung_on_what_they_move_with(tmp_path: Pa
     world = np.repeat(mesh.bind[None], 21, axis=0)
     world[:, 1:, 2, 3] += np.linspace(0, 2, 21)[:, None]
     swing = np.linspace(0, 1, 21)
-    turn = np.zeros((21, 3, 3))
-    turn[:, 0, 0] = 1
-    turn[:, 1, 1] = turn[:, 2, 2] = np.cos(swing)
-    turn[:, 2, 1], turn[:, 1, 2] = np.sin(swing), -np.sin(swing)
+    swung = turn("x", swing)
     at = world[:, number["shin.L"], :3, 3].copy()
     for name in ("shin.L", "foot.L"):
         joint = number[name]
-        world[:, joint, :3, 3] = at + np.einsum("fab,fb->fa", turn, world[:, joint, :3, 3] - at)
-        world[:, joint, :3, :3] = turn
+        world[:, joint, :3, 3] = at + np.einsum("fab,fb->fa", swung, world[:, joint, :3, 3] - at)
+        world[:, joint, :3, :3] = swung
     parent = list(mesh.parent)
     parent[number["foot.L"]] = number["armature"]
     mesh = replace(mesh, parent=tuple(parent), motions={"Stride": RiggedMotion(30.0, world)})
@@ -106,6 +106,39 @@ def test_feet_that_hang_on_the_root_are_hung_on_what_they_move_with(tmp_path: Pa
     assert skeleton.joints[skeleton.parent[skeleton.index("foot_L")]] == "shin_L"
     assert any("foot_L moves with shin_L, not with armature" in note for note in made.notes)
     assert any("joints within 0.0 mm" in note for note in made.notes)
+
+
+def test_what_moves_a_little_like_another_joint_is_not_hung_on_it(tmp_path: Path) -> None:
+    mesh = creature(tmp_path)
+    one, other = (mesh.joints.index(f"foot.{side}") for side in "LR")
+    world = np.repeat(mesh.bind[None], 21, axis=0)
+    away = 0.2 * np.ptp(mesh.vertex) * np.linspace(0, 1, 21)
+    world[:, one, 2, 3] += away
+    world[:, other, 2, 3] += away / 2
+    assert with_moving_parents(replace(mesh, motions={"Jump": RiggedMotion(30.0, world)})).parent == mesh.parent
+
+
+def test_held_joints_and_limits_are_as_the_files_motions_have_them(tmp_path: Path) -> None:
+    mesh = creature(tmp_path)
+    world = np.repeat(mesh.bind[None], 21, axis=0)
+    turned = {}
+    for name, angle in (("shin.L", np.linspace(0, -2.6, 21)), ("foot.L", np.full(21, 1.2))):
+        joint = mesh.joints.index(name)
+        above = turned.get(mesh.parent[joint], np.tile(np.eye(3), (21, 1, 1)))
+        turned[joint] = above @ turn("x", angle)
+        shift = mesh.bind[joint, :3, 3] - mesh.bind[mesh.parent[joint], :3, 3]
+        world[:, joint, :3, 3] = world[:, mesh.parent[joint], :3, 3] + applied(above, shift)
+        world[:, joint, :3, :3] = turned[joint] @ mesh.bind[joint, :3, :3]
+    mesh = replace(mesh, motions={"Kick": RiggedMotion(30.0, world)})
+    held = GivenJoints("", joints={"foot_L": GivenJoint("", None, {}, None, None)})
+    made = imported(mesh, "creature", joints=held)
+    skeleton, pose = made.body.skeleton, made.motions["Kick"].pose
+    np.testing.assert_allclose(pose[:, skeleton.angles("foot_L")], 0, atol=1e-6)
+    low, high = skeleton.coordinate_limits[skeleton.searched()].T
+    seen = pose[:, skeleton.searched()]
+    assert ((low <= seen) & (seen <= high)).all()
+    assert any("joints within 0.0 mm" in note for note in made.notes)
+    assert made.outline.overlap > 0.97
 
 
 def test_a_mesh_without_a_skin_follows_the_joint_that_it_hangs_on(tmp_path: Path) -> None:

@@ -56,6 +56,7 @@ _MIN_DISTANCE = CLEAR * STATED  # a frame's standard deviations, in the mean of 
 _PARAMETER_COST = 0.5  # cost in a frame that each parameter of a change explains by chance alone
 _TIE_RATIO = 0.85  # causes that explain this share of what the best one explains are as likely
 _LAG_FRAMES, _LAG_STRETCH = 48, 6  # frames whose lags are compared, and those of each stretch of the recording
+_LEAST_TOLD = 0.2  # share of what stretches tell of lags, in the median, below which one does not count
 _MIN_COMMON = 0.7  # share of what distortions explain that a common one explains where all lenses lack it
 _MAX_RADIAL = 0.2  # standard deviation of the radial distortion k1 that a calibration lacks
 _FRAMES = 8  # frames in which silhouettes are compared with the hull of the others
@@ -185,10 +186,13 @@ def changing_lags(adjustment: Adjustment, change: np.ndarray, person: Person) ->
     stretches = np.array_split(np.arange(len(frames)), max(1, len(frames) // _LAG_STRETCH))
     numbers = scene.first_frame + frames * scene.fps / adjustment.footage.fps
     middles = np.array([numbers[part].mean() for part in stretches])
+    costs = np.stack([costs[:, part].sum(axis=1) for part in stretches], axis=1)
+    told = (costs.mean(axis=0) - costs.min(axis=0)).sum(axis=1)  # little where the person stands still
+    moving = told > _LEAST_TOLD * np.median(told)
     findings = []
     for k, source in enumerate(scene.cameras):
-        lags = np.array([peak(-costs[:, part, k].sum(axis=1)) for part in stretches]) - len(costs) // 2
-        course = lag_course(middles, lags)
+        lags = np.array([peak(-each) for each in costs[:, moving, k].T]) - len(costs) // 2
+        course = lag_course(middles[moving], lags)
         if course.changes:
             cause = "dropped frames" if course.jump else "frame rate"
             fault = course.fault(source.name, scene.fps * source.rate * (1 + course.slope))
@@ -342,17 +346,9 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
         held += best.parameters
         before = gain_of(held)
     # The chosen changes together.
-    step = np.zeros(len(value))
-    step[held] = best_step(held)
-    change = np.zeros(solution.free.shape)
-    change[solution.free] = step
+    change, camera = np.zeros(solution.free.shape), np.arange(len(rig))[:, None]
+    change[tuple(np.argwhere(solution.free)[held].T)] = best_step(held)
     return tuple(
-        Finding(
-            rig.names[k],
-            best.cause,
-            change=np.where(np.arange(len(rig))[:, None] == k, change, 0.0),
-            explained=best.gain / total,
-            others=best.others,
-        )
+        Finding(rig.names[k], best.cause, np.where(camera == k, change, 0.0), best.gain / total, best.others)
         for k, best in chosen.items()
     )

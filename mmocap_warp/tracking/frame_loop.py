@@ -35,7 +35,7 @@ from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_ide
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.from_settings import in_own_unit
-from mmocap_warp.tracking.holes import HOLE_SECONDS, with_holes
+from mmocap_warp.tracking.holes import HOLE_SECONDS, BodyBefore, with_holes
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -268,31 +268,39 @@ def _finished(
 ) -> Result:
     """The track, smoothed where that is wanted, and what the masks, read anew each time, say about it.
 
-    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen. What smoothed the
-    track ``beside`` knew of neither: it holds where there are none.
+    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen. The tracker has
+    followed that view, so it starts once more without it. What smoothed the track ``beside`` knew of neither: it holds
+    where there are none.
     """
     repeated = repeated_views(read_ahead(masks()))
     at_once = np.logical_and.reduce(repeated, axis=1)
     frozen = repeated & ~at_once[:, None]
+    silhouettes_of = body_silhouettes(result.subject, result.cameras)
+
+    def shown(body: BodyBefore) -> Iterator[Observation]:
+        seen = with_holes(masks(), result.rate, body)
+        return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if frozen.any() else seen
+
+    if frozen.any():
+        tracker = make_tracker(result.subject, result.cameras, config, result.rate)
+        answers = list(track_frames(tracker, shown(lambda _: silhouettes_of(tracker.state.pose))))
+        again = collect(result.subject, result.cameras, result.fps, config, answers)
+        names, numbers = result.cameras.names, result.frame_numbers
+        left_out = {name: numbers[frozen[:, k]].tolist() for k, name in enumerate(names) if frozen[:, k].any()}
+        told, seconds = result.config | {"frozen_views": left_out}, result.seconds + again.seconds
+        result = replace(again, frame_numbers=numbers, config=told, seconds=seconds)
     status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
-    numbers = {
-        name: result.frame_numbers[frozen[:, k]].tolist()
-        for k, name in enumerate(result.cameras.names)
-        if frozen[:, k].any()
-    }
-    result = replace(result, status=status, config=result.config | ({"frozen_views": numbers} if numbers else {}))
+    result = replace(result, status=status)
+    raw = result.pose
 
-    silhouettes_of, raw = body_silhouettes(result.subject, result.cameras), result.pose
-
-    def shown() -> Iterable[Observation]:
-        seen = read_ahead(with_holes(masks(), result.rate, lambda place: silhouettes_of(raw[:, place - 1])))
-        return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if numbers else seen
+    def of_raw(place: int) -> ViewMasks:
+        return silhouettes_of(raw[:, place - 1])
 
     if config.acceleration:
         whole = beside if not repeated.any() else None
-        result = whole.of(result) if whole else smoothed(result, config, shown(), progress)
+        result = whole.of(result) if whole else smoothed(result, config, read_ahead(shown(of_raw)), progress)
         gc.collect()  # what was smoothed holds itself, and with it the fields of a window
-    return with_evidence(result, config, shown())
+    return with_evidence(result, config, read_ahead(shown(of_raw)))
 
 
 def _check_start(scene: Scene, subject: Subject) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.rigged.rigged_mesh import (
     JointAxis,
     RiggedMesh,
@@ -43,10 +43,8 @@ def read_usd_skel(path: str | Path, character: str | None = None) -> RiggedMesh:
         raise InputError(path, "holds no mesh that is bound to a UsdSkel skeleton", _REMEDY)
     names = [(place.split("/")[-2] or place[1:], place.split("/")[-1], place) for place in bound]
     chosen = list(bound)[chosen_character(names, character, path)]
-    try:
+    with input_errors(path, "its skeleton or skin is not whole ({error})", _REMEDY, ValueError, IndexError, TypeError):
         return _read_character(stage, UsdSkel.Skeleton.Get(stage, chosen), bound[chosen], path)
-    except (ValueError, IndexError, TypeError) as error:
-        raise InputError(path, f"its skeleton or skin is not whole ({error})", _REMEDY) from None
 
 
 def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeom.Mesh], path: Path) -> RiggedMesh:

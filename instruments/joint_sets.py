@@ -1,9 +1,9 @@
 """Make the tables of joint sets of MakeHuman's people: landmarks on the skin, and joint centres from them.
 
 ``python instruments/joint_sets.py -o scenes/bodies/joint_sets``; ``--picture docs/images/all-joint-sets.png`` draws
-them on two bodies. A landmark is a vertex that was chosen on adult_man; all shipped people have the same mesh. Centres
-that the literature gives by lengths and directions are turned into weights of landmarks, by least squares over the
-shipped people with every shape target at -1, 0 and 1.
+them on two bodies, and ``coco-anny``, for which the package ``anny`` must be installed. A landmark is a vertex that was
+chosen on adult_man; all shipped people have the same mesh. Centres that the literature gives by lengths and directions
+are turned into weights of landmarks, by least squares over the shipped people with every shape target at -1, 0 and 1.
 
 Harrington et al., *Prediction of the hip joint centre in adults, children, and patients with cerebral palsy based on
 magnetic resonance imaging* (J. Biomechanics 40, 2007): its equations of pelvic depth and width. Rab et al., *A method
@@ -21,6 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from mmocap_warp.body.anny_weights import ANNY_SET
 from mmocap_warp.body.joint_sets import RIG, JointSet, joint_set
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.result.marker_errors import triangulated
@@ -313,6 +314,7 @@ def table(points: dict[str, Point], vertex: dict[str, int], vertices: int) -> st
 
 
 _SCALE, _VIEW = 200.0, (270, 160, 390)  # pixels a metre; widths from the front and from the side, height
+_IN_A_LINE = 3  # sets, of nine
 _LEFT, _RIGHT, _MIDDLE_COLOUR = (60, 140, 0), (0, 120, 230), (150, 60, 60)
 
 
@@ -322,8 +324,7 @@ def picture(file: Path, names: list[str]) -> None:
     for person in PEOPLE[:2]:
         body = load_body(person)
         rows.append([drawn(body, joint_set(name, body), f"{name}, {person}") for name in names])
-    half = (len(names) + 1) // 2
-    lines = [np.hstack(row[part]) for part in (slice(half), slice(half, None)) for row in rows]
+    lines = [np.hstack(row[first : first + _IN_A_LINE]) for first in range(0, len(names), _IN_A_LINE) for row in rows]
     cv2.imwrite(str(file), np.vstack(lines), (cv2.IMWRITE_PNG_COMPRESSION, 9))
 
 
@@ -361,4 +362,4 @@ if __name__ == "__main__":
         for name, points in made.items():
             (given.o / f"{name}.toml").write_text(table(points, vertex, len(man.skin.rest)), encoding="utf-8")
     if given.picture:
-        picture(given.picture, [RIG, *made])
+        picture(given.picture, [RIG, *made, ANNY_SET])

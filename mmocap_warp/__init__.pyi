@@ -25,7 +25,7 @@ from mmocap_warp.commands.demo import demo
 from mmocap_warp.commands.evaluate import evaluate, measure
 from mmocap_warp.commands.live_session import LiveReport, live
 from mmocap_warp.commands.mask import mask
-from mmocap_warp.commands.new_scenes import import_dataset, import_humaneva, init, synthesize
+from mmocap_warp.commands.new_scenes import import_dataset, init, synthesize
 from mmocap_warp.commands.show import export, show, view
 from mmocap_warp.commands.studies import benchmark, report_study, run_study
 from mmocap_warp.commands.track import fit, track
@@ -51,7 +51,7 @@ __all__ = [
     "LiveTracker", "Refinement", "Reporter", "Result", "Scene", "SolvedCameras", "Subject", "Synchronisation",
     "TrackConfig", "UnsolvableError", "UsageError", "__version__", "batch", "benchmark", "calibrate_board",
     "check_cameras", "convert_cameras", "demo", "evaluate", "export", "export_body", "fit", "import_body",
-    "import_dataset", "import_humaneva", "init", "learn_body", "live", "load_body", "load_result", "load_scene",
+    "import_dataset", "init", "learn_body", "live", "load_body", "load_result", "load_scene",
     "load_truth", "make_sequences", "mask", "measure", "minimize", "overlay", "print_board", "refine_cameras",
     "report_study", "run_study", "show", "show_body", "show_cameras", "solve_cameras", "study_results", "sync",
     "synthesize", "track", "track_live", "validate_usd", "view", "write_result",

@@ -1,6 +1,8 @@
 """The exceptions for what a user can mend: the input, or the arguments of a command."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Self
 
 _MOST = 400  # characters of a source, a problem or a remedy that are shown
@@ -20,6 +22,17 @@ class InputError(ValueError):
         self.problem = problem
         self.remedy = remedy
         super().__init__(f"{_readable(self.source)}: {_readable(problem)}; {_readable(remedy)}")
+
+
+@contextmanager
+def input_errors(source: object, problem: str, remedy: str, *kinds: type[Exception]) -> Iterator[None]:
+    """Let errors of some kinds be an :class:`InputError`, whose ``problem`` may have their text as ``{error}``."""
+    try:
+        yield
+    except InputError:
+        raise
+    except kinds as error:
+        raise InputError(source, problem.replace("{error}", str(error)), remedy) from error
 
 
 class UsageError(ValueError):

@@ -15,17 +15,8 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.calibration.adjust import camera_changes
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, CameraSolution, Person, Progress
-from mmocap_warp.calibration.adjust.camera_changes import (
-    CENTRE,
-    FOCAL,
-    KINDS,
-    OFFSET,
-    POSITION,
-    RADIAL,
-    ROTATION,
-    changed,
-)
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
 from mmocap_warp.calibration.first_look import few_views
 from mmocap_warp.calibration.gross_mistake import IMAGE_SIZE, MIRRORED, SIZES, SWAPPED, Mistake
@@ -39,13 +30,13 @@ from mmocap_warp.scene.recording import Scene
 
 _MOVED, _DISTORTION = "rotation and position", "distortion"
 CAUSES: dict[str, slice] = {
-    "rotation": ROTATION,
-    "position": POSITION,
-    _MOVED: slice(ROTATION.start, POSITION.stop),
-    "focal length": slice(FOCAL, FOCAL + 1),
-    "principal point": CENTRE,
-    _DISTORTION: slice(RADIAL, RADIAL + 1),
-    "time offset": slice(OFFSET, OFFSET + 1),
+    "rotation": camera_changes.ROTATION,
+    "position": camera_changes.POSITION,
+    _MOVED: slice(camera_changes.ROTATION.start, camera_changes.POSITION.stop),
+    "focal length": slice(camera_changes.FOCAL, camera_changes.FOCAL + 1),
+    "principal point": camera_changes.CENTRE,
+    _DISTORTION: slice(camera_changes.RADIAL, camera_changes.RADIAL + 1),
+    "time offset": slice(camera_changes.OFFSET, camera_changes.OFFSET + 1),
 }
 """What may be somewhat wrong with one camera, and the parameters that put it right."""
 
@@ -56,6 +47,7 @@ _MIN_DISTANCE = CLEAR * STATED  # a frame's standard deviations, in the mean of 
 _PARAMETER_COST = 0.5  # cost in a frame that each parameter of a change explains by chance alone
 _TIE_RATIO = 0.85  # causes that explain this share of what the best one explains are as likely
 _LAG_FRAMES, _LAG_STRETCH = 48, 6  # frames whose lags are compared, and those of each stretch of the recording
+_LEAST_TOLD = 0.2  # share of what stretches tell of lags, in the median, below which one does not count
 _MIN_COMMON = 0.7  # share of what distortions explain that a common one explains where all lenses lack it
 _MAX_RADIAL = 0.2  # standard deviation of the radial distortion k1 that a calibration lacks
 _FRAMES = 8  # frames in which silhouettes are compared with the hull of the others
@@ -152,7 +144,7 @@ def check(
     # Outlines are compared as pinholes see them, so that distortions are solved for in a step of their own.
     sigma = adjustment.sigma.copy()
     solution = adjustment.solve(change, person, sigma)
-    sigma[:, RADIAL] = _MAX_RADIAL
+    sigma[:, camera_changes.RADIAL] = _MAX_RADIAL
     solution = adjustment.solve(change, person, sigma, beside=solution)
     report("cameras", 0.9)
     findings = tuple(with_words(finding, adjustment) for finding in small_errors(rig, solution))
@@ -167,7 +159,10 @@ def with_words(finding: Finding, adjustment: Adjustment) -> Finding:
         return finding
     # How far the distortion moves the middle of the image's shorter edge, in pixels of the calibrated images.
     k = adjustment.given.names.index(finding.camera)
-    camera, radial = adjustment.scene.calibrated.select((finding.camera,)), float(finding.change[k, RADIAL])
+    camera, radial = (
+        adjustment.scene.calibrated.select((finding.camera,)),
+        float(finding.change[k, camera_changes.RADIAL]),
+    )
     focal, edge = camera.K[0, 0, 0], 0.5 * float(camera.size.max())
     what = "wrong" if camera.distortion.any() else "ignored"
     words = (
@@ -185,10 +180,13 @@ def changing_lags(adjustment: Adjustment, change: np.ndarray, person: Person) ->
     stretches = np.array_split(np.arange(len(frames)), max(1, len(frames) // _LAG_STRETCH))
     numbers = scene.first_frame + frames * scene.fps / adjustment.footage.fps
     middles = np.array([numbers[part].mean() for part in stretches])
+    costs = np.stack([costs[:, part].sum(axis=1) for part in stretches], axis=1)
+    told = (costs.mean(axis=0) - costs.min(axis=0)).sum(axis=1)  # little where the person stands still
+    moving = told > _LEAST_TOLD * np.median(told)
     findings = []
     for k, source in enumerate(scene.cameras):
-        lags = np.array([peak(-costs[:, part, k].sum(axis=1)) for part in stretches]) - len(costs) // 2
-        course = lag_course(middles, lags)
+        lags = np.array([peak(-each) for each in costs[:, moving, k].T]) - len(costs) // 2
+        course = lag_course(middles[moving], lags)
         if course.changes:
             cause = "dropped frames" if course.jump else "frame rate"
             fault = course.fault(source.name, scene.fps * source.rate * (1 + course.slope))
@@ -201,7 +199,7 @@ def _compare_views(
 ) -> tuple[np.ndarray, tuple[BodyInView, ...]]:
     """Overlaps (camera,) of masks and the tracked body, and views of the cameras that disagree."""
     # The tracked body in some frames, seen by the cameras as calibrated and as solved.
-    solved_rig = changed(rig, solution.change)
+    solved_rig = camera_changes.changed(rig, solution.change)
     frames = person.spread(_FRAMES)
     body, rooting = person.subject.body, person.motion.rooting
     poses = rooting.leave(person.motion.rooted[frames], np.zeros(3))
@@ -255,9 +253,9 @@ def gross_mistake(rig: CameraRig, seen: np.ndarray, fps: float) -> Mistake | Non
 
 def _landmark_miss(rig: CameraRig, seen: np.ndarray, fps: float, turned: int | None = None) -> float:
     """Root mean square of the landmarks' errors [m], once the camera ``turned`` is turned as is best."""
-    sigma = np.zeros((len(rig), len(KINDS)))
+    sigma = np.zeros((len(rig), len(camera_changes.KINDS)))
     if turned is not None:
-        sigma[turned, ROTATION] = np.radians(15.0)
+        sigma[turned, camera_changes.ROTATION] = np.radians(15.0)
     problem = LandmarkProblem(rig, seen, fps, sigma)
     error = problem.errors(np.zeros(sigma.shape) if turned is None else problem.solve())
     length = np.minimum(np.linalg.norm(error, axis=-1), _MAX_MISS)
@@ -285,7 +283,7 @@ def _common_distortion(solution: CameraSolution) -> tuple[float, float]:
 
     These are 0 where most of what distortion explains is different from camera to camera.
     """
-    own = np.argwhere(solution.free)[:, 1] == RADIAL
+    own = np.argwhere(solution.free)[:, 1] == camera_changes.RADIAL
     if not own.any():
         return 0.0, 0.0
     values, weight = solution.change[solution.free][own], np.linalg.inv(solution.covariance[np.ix_(own, own)])
@@ -308,7 +306,7 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
     radial, distance = _common_distortion(solution)
     if distance >= _MIN_DISTANCE:
         changes = np.zeros((len(rig), *solution.free.shape))
-        changes[np.arange(len(rig)), np.arange(len(rig)), RADIAL] = radial
+        changes[np.arange(len(rig)), np.arange(len(rig)), camera_changes.RADIAL] = radial
         explained = 0.5 * distance**2 / total
         return tuple(Finding(name, _DISTORTION, each, explained) for name, each in zip(rig.names, changes, strict=True))
     number = np.full(solution.free.shape, -1)  # of each parameter among those that are free
@@ -342,17 +340,9 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
         held += best.parameters
         before = gain_of(held)
     # The chosen changes together.
-    step = np.zeros(len(value))
-    step[held] = best_step(held)
-    change = np.zeros(solution.free.shape)
-    change[solution.free] = step
+    change, camera = np.zeros(solution.free.shape), np.arange(len(rig))[:, None]
+    change[tuple(np.argwhere(solution.free)[held].T)] = best_step(held)
     return tuple(
-        Finding(
-            rig.names[k],
-            best.cause,
-            change=np.where(np.arange(len(rig))[:, None] == k, change, 0.0),
-            explained=best.gain / total,
-            others=best.others,
-        )
+        Finding(rig.names[k], best.cause, np.where(camera == k, change, 0.0), best.gain / total, best.others)
         for k, best in chosen.items()
     )

@@ -136,9 +136,9 @@ def _tilt(cameras: SolvedCameras, k: int) -> float:
 @command("calibrate:convert_cameras", up=Annotated[str, Parameter(allow_leading_hyphen=True)])
 def convert(call: Any, output: Path) -> Answer:
     from mmocap_warp.commands.calibrate import calibration_files
-    from mmocap_warp.formats.table import calibration_export
+    from mmocap_warp.formats.table import CALIBRATION_EXPORTS, format_of
 
-    rig, kind = call(), calibration_export(output).name
+    rig, kind = call(), format_of(CALIBRATION_EXPORTS, output).name
     rows = [
         {"name": name, "size": rig.size[k], "fisheye": name in rig.fisheye, "centre_m": rig.centres[k]}
         for k, name in enumerate(rig.names)

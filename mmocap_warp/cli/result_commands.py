@@ -311,7 +311,7 @@ def view(call: Any, result: Path, output: Path | None) -> Answer:
     run=Annotated[str | None, Parameter(show_default=False)],
     frames=ResultFrames,
     up=Annotated[Literal["y", "z"] | None, Parameter(show_choices=False)],
-    rig=Literal["mixamo"] | None,
+    rig=Annotated[Literal["mixamo", "unity", "unreal", "vrm", "soma"] | None, Parameter(show_choices=False)],
     joint_set=Given(str, "rig"),
 )
 def export(call: Any, output: Path) -> Answer:

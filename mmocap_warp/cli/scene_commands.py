@@ -1,6 +1,6 @@
 """Commands that write or look at a scene: ``init``, ``mask``, ``cameras``, ``sync``, ``synth``, ``dataset``.
 
-And ``humaneva``, and ``validate`` of USD files.
+And ``validate`` of USD files.
 """
 
 from __future__ import annotations
@@ -212,29 +212,6 @@ def synth(call: Any, cameras: int) -> Answer:
         "next": step,
     }
     return Answer(values, [repr(made), f"next: {step}"])
-
-
-@command("new_scenes:import_humaneva")
-def humaneva(call: Any, console: Console, output: Path) -> Answer:
-    import numpy as np
-
-    sequence = call(reporter=_Warnings(quiet=console.quiet))
-    with_truth = int(np.isfinite(sequence.truth.markers).all(axis=(1, 2)).sum())
-    scene = output / "scene.toml"
-    values = {
-        "scene": scene,
-        "frames": sequence.count,
-        "truth_frames": with_truth,
-        "first": sequence.first,
-        "last": sequence.first + sequence.count - 1,
-        "cameras": sequence.rig.names,
-        **attributes(sequence, "frame_offsets", "starts_as_published"),
-        "mocap_per_frame": sequence.sync.mocap_per_frame,
-        "joints": sequence.truth.joint_names,
-        "backgrounds": [background.path.name for background in sequence.backgrounds],
-    }
-    text = f"{scene}: {sequence.count} frames, {with_truth} with truth, {len(sequence.rig)} cameras"
-    return Answer(values, [text])
 
 
 _PARTS = Parameter(help="\\\n".join(dataset.usage(name) for name, dataset in DATASETS.items()))

@@ -6,6 +6,9 @@ import json
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from fnmatch import fnmatch
 from html import escape
@@ -32,7 +35,7 @@ from mmocap_warp.formats.usd.usd_body import write_body
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.jobs.engine import Advance, Refusal
 from mmocap_warp.jobs.job_run import Status, Task, run_jobs
-from mmocap_warp.jobs.local_engine import local_devices
+from mmocap_warp.jobs.local_engine import forks_of, local_devices
 from mmocap_warp.result.result import Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
@@ -53,6 +56,7 @@ _SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
 _COLUMNS = {"frames": "", "mean_iou": ".3f", "worst_iou": ".3f", "trusted": ".0%", "mpjpe_mm": ".1f"}
 _COLUMNS |= {"marker_error_mm": ".1f"}  # of the page, with their formats
 _FIGURES = [name for name in _COLUMNS if name not in ("frames", "trusted")]  # of an evaluation
+_MANY = 64  # scenes that are not read one after the other
 _THUMBNAIL = 320  # longer side [px]
 
 Settings = dict[str, dict[str, Any]]
@@ -275,7 +279,8 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
     elif source.is_dir():
         given = [file for file in sorted(source.rglob("scene.toml")) if output.resolve() not in file.resolve().parents]
         # What lies within a scene's folder was made of it, such as its masks.
-        given = [file for file in given if not any(other.parent in file.parent.parents for other in given)]
+        around = {file.parent for file in given}
+        given = [file for file in given if around.isdisjoint(file.parent.parents)]
     else:
         lines = map(str.strip, read_text(source, "name a folder, or a file with a scene in each line").splitlines())
         given = [source.parent / line for line in lines if line and not line.startswith("#")]
@@ -285,7 +290,7 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
     folders = [file.resolve().parent for file in files]
     root = commonpath([folder.parent for folder in folders])
     named = {folder.relative_to(root).as_posix(): file for folder, file in zip(folders, files, strict=True)}
-    if len(named) < len(files) or any(one in other.parents for one in folders for other in folders):
+    if len(named) < len(files) or not all(map({*folders}.isdisjoint, (folder.parents for folder in folders))):
         raise InputError(source, "names two scenes of one folder", "give every scene a folder of its own")
     return named
 
@@ -314,16 +319,14 @@ def _planned(
     """Tasks of persons and of recordings, and why other recordings cannot even be read."""
     known: dict[str, tuple[str | None, Settings, dict[str, Any]]] = {}
     failures: dict[str, str] = {}
-    for name, file in files.items():
+    for name, found in zip(files, _facts_of([*files.values()]), strict=True):
         of = [rule for rule in rules if fnmatch(name, rule[0])]
         person = next((whose for _, whose, _ in reversed(of) if whose), None)
         settings = {kind: {k: v for _, _, each in of for k, v in each[kind].items()} for kind in _SETTINGS}
-        try:
-            scene = load_scene(file)
-            own = file_hash([each for each in (scene.path, scene.subject) if each is not None])
-            known[name] = person, settings, recording_facts(scene) | {"files": own}
-        except InputError as error:
-            failures[name] = " ".join(str(error).split())
+        if isinstance(found, str):
+            failures[name] = found
+        else:
+            known[name] = person, settings, found
 
     def task(place: str, name: str, scenes: list[str], settings: Settings, *steps: str, of: Any = None) -> TrialTask:
         depends = [[known[scene][2] for scene in scenes], settings, steps, of and of.job.key, device_kind, __version__]
@@ -341,6 +344,23 @@ def _planned(
             people[person] = task("people", person, theirs[:_FITTED], settings)
         trials.append(task("trials", name, [name], settings, *steps, of=people.get(person)))
     return list(people.values()), trials, failures
+
+
+def _facts_of(files: list[Path]) -> list[dict[str, Any] | str]:
+    """What a result depends on of each scene, or why it cannot be read; of many scenes by a process on each core."""
+    if len(files) > _MANY:
+        with suppress(BrokenProcessPool), ProcessPoolExecutor(available_threads(), forks_of(__name__)) as processes:
+            return list(processes.map(_facts, files, chunksize=_MANY // 4))
+    return list(map(_facts, files))
+
+
+def _facts(file: Path) -> dict[str, Any] | str:
+    try:
+        scene = load_scene(file)
+        own = file_hash([each for each in (scene.path, scene.subject) if each is not None])
+        return recording_facts(scene) | {"files": own}
+    except InputError as error:
+        return " ".join(str(error).split())
 
 
 def _page(title: str, done: list[dict[str, Any]], failures: dict[str, str]) -> str:

@@ -14,7 +14,7 @@ from mmocap_warp.commands.caller import arguments_checked
 from mmocap_warp.commands.inputs import result_from
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.display.still_pictures import draw_body
-from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.errors import InputError, UsageError, input_errors
 from mmocap_warp.formats.exports.glb import write_body_glb
 from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.rigged.gltf import read_gltf
@@ -113,7 +113,7 @@ def import_body(
     # A body's name must be an identifier.
     identifier = re.sub(r"\W", "_", name or target.stem, flags=re.ASCII)
     identifier = identifier if identifier[:1].isalpha() else f"_{identifier}"
-    try:
+    with input_errors(file, "{error}", "change the file, or say how joints are with --joints", ValueError):
         made = imported(
             mesh,
             identifier,
@@ -124,10 +124,6 @@ def import_body(
             skin_triangles=skin_triangles,
             joints=stated_joints,
         )
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(file, str(error), "change the file, or say how joints are with --joints") from None
     if attribution is not None:
         made = replace(made, body=replace(made.body, attribution=attribution))
     if joint_set is not None:

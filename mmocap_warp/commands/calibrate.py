@@ -24,7 +24,7 @@ from mmocap_warp.errors import UsageError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import write_png
-from mmocap_warp.formats.table import calibration_export, read_calibration, write_calibration
+from mmocap_warp.formats.table import CALIBRATION_EXPORTS, format_of, read_calibration, write_calibration
 from mmocap_warp.scene.camera_tables import write_timing
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
@@ -374,4 +374,4 @@ def convert_cameras(
 def calibration_files(output: str | Path) -> list[Path]:
     """The files of a calibration that is written as ``output``: that one, and those that its format has beside it."""
     path = Path(output)
-    return [path, *(path.with_name(name) for name in calibration_export(path).beside)]
+    return [path, *(path.with_name(name) for name in format_of(CALIBRATION_EXPORTS, path).beside)]

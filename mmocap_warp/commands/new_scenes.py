@@ -1,6 +1,6 @@
 """Scenes that are written: of a folder of videos, of a body that moves, of published data sets.
 
-``mmocap init``, ``mmocap synth``, ``mmocap dataset`` and ``mmocap humaneva``.
+``mmocap init``, ``mmocap synth`` and ``mmocap dataset``.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,6 @@ from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.datasets.dataset_scene import DatasetScene
-from mmocap_warp.formats.humaneva.sequence import FIRST_FRAME, HumanEvaSequence, as_scene, read_sequence
 from mmocap_warp.formats.table import read_dataset
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 from mmocap_warp.rigging.shipped import body_file
@@ -112,38 +111,6 @@ def synthesize(
 
 
 @releases_locks
-def import_humaneva(
-    root: str | Path,
-    subject: str,
-    action: str,
-    output: str | Path,
-    *,
-    first: int | None = None,
-    last: int | None = None,
-    force: bool = False,
-    reporter: Reporter | None = None,
-) -> HumanEvaSequence:
-    """Write a sequence of your own copy of HumanEva-I as a scene.
-
-    Args:
-        root: the folder that holds S1, S2, S3 and Background.
-        subject: S1, S2 or S3.
-        action: Walking, Gestures or Box, the paper's; also Jog and ThrowCatch.
-        output: the folder to write; the scene's file is scene.toml there.
-        first: first frame in HumanEva's own numbers, which count from 1. [default: 6, the first usable one]
-        last: last frame, included. [default: the last of HumanEva's own list]
-        force: write into a folder that holds files.
-        reporter: receives warnings.
-
-    Raises:
-        InputError: data that are missing or cannot be read.
-    """
-    sequence = read_sequence(root, subject, action, FIRST_FRAME if first is None else first, last)
-    _write(as_scene(sequence), output, force, reporter)
-    return sequence
-
-
-@releases_locks
 def import_dataset(
     name: str,
     root: str | Path,
@@ -168,11 +135,7 @@ def import_dataset(
         InputError: data that are missing or cannot be read.
     """
     scene = read_dataset(name, Path(root), parts)
-    _write(scene, output, force, reporter)
-    return scene
-
-
-def _write(scene: DatasetScene, output: str | Path, force: bool, reporter: Reporter | None) -> None:
     scene.write(new_folder(output, force=force))
     for note in scene.notes:
         (reporter or Reporter()).warn(note)
+    return scene

@@ -306,7 +306,7 @@ def export(
             [default: the result's own, or the format's]
         rig: name and bind the body as this rig, in its rest pose: mixamo, unity, unreal, vrm or soma. [default: vrm in
             a .vrma]
-        joint_set: tables of points only: whose joints they hold, as eval takes it.
+        joint_set: tables only: whose joints they go by, as eval takes it.
         bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
         force: replace files that exist.
 
@@ -316,16 +316,22 @@ def export(
     """
     output = Path(output)
     new_file(output, *table.EXPORT_SUFFIXES, force=True)
-    _check_format(output, up, bake)
+    format = table.format_of(table.EXPORTS, output)
+    # Another vertical than the format's, or points in a format without.
+    if up is not None and format.up not in (None, f"+{up}"):
+        raise UsageError(f"--up {up} cannot be: {format} is always {format.up[1:]} up; leave --up out")
+    if bake and not any(cache.matches(output) for cache in table.POINT_CACHES):
+        fitting = " or ".join(map(str, table.POINT_CACHES))
+        raise UsageError(f"--bake cannot write {output.suffix}; end the output in {fitting}")
     if output.suffix.lower() == ".vrma":
         if rig not in (None, "vrm"):
             raise UsageError(f"--rig {rig} cannot be in a .vrma; leave it out, or end the output in .glb")
         rig = "vrm"
-    if joint_set != RIG and not table.export_format(output).takes_joint_set:
+    if joint_set != RIG and not format.takes_joint_set:
         fitting = ", ".join(ending for each in table.EXPORTS if each.takes_joint_set for ending in each.suffixes)
         raise UsageError(f"--joint-set cannot be in {output.suffix}; end the output in one of {fitting}")
     people: dict[str, Any] = {**results_in(result)} if isinstance(result, str | Path) else {}
-    together = bool(people) and run is None and not bake and output.suffix.lower() in table.export_format(output).people
+    together = bool(people) and run is None and not bake and output.suffix.lower() in format.people
     parts: dict[Path, dict[str, tuple[Result, int]]] = {}  # of each file, its people and their runs
     for name, each in (people or {"": result}).items():
         tracked, _ = result_from(each)
@@ -342,19 +348,7 @@ def export(
         chosen, (tracked, _) = next(iter(of_file.values())), next(iter(part.values()))
         points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
         table.export(of_file if together else chosen, file, table.POINT_CACHES if bake else table.EXPORTS, points)
-    vertical = table.export_format(output).up or chosen.cameras.up
-    return Export(tuple(parts), len(chosen.frame_numbers), chosen.rate, vertical)
-
-
-def _check_format(output: Path, up: str | None, bake: bool) -> None:
-    """Refuse another vertical than the format's, and points in a format without."""
-    format = table.export_format(output)
-    if up is not None and format.up not in (None, f"+{up}"):
-        raise UsageError(f"--up {up} cannot be: {format} is always {format.up[1:]} up; leave --up out")
-    if bake and not any(cache.matches(output) for cache in table.POINT_CACHES):
-        raise UsageError(
-            f"--bake cannot write {output.suffix}; end the output in {' or '.join(map(str, table.POINT_CACHES))}"
-        )
+    return Export(tuple(parts), len(chosen.frame_numbers), chosen.rate, format.up or chosen.cameras.up)
 
 
 def _files(output: Path, run: int | str | None, runs: int, best: int) -> dict[Path, int]:

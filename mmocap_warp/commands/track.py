@@ -217,12 +217,13 @@ def track(
         given_too = [name for name, value in (("subject", subject), ("body", body), ("resume", resume)) if value]
         if given_too:
             raise UsageError(f"--again cannot be given with --{given_too[0]}: what it names is solved anew in part")
-        return _again(scene, again, pins, config, output, frames, identity, person, force, reporter, settings)
-    if pins is not None:
+    elif pins is not None:
         raise UsageError("--pins needs --again, the result whose frames were pinned")
     subject, body = _starts_from(subject, body)
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
     loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
+    if again is not None:
+        return _again(loaded, again, pins, config, file, reporter, settings)
     loaded = with_masks(loaded, reporter)
     chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
     truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
@@ -274,22 +275,16 @@ def track(
 
 
 def _again(
-    scene: Scene | str | Path,
+    loaded: Scene,
     again: Result | str | Path,
     pins: str | Path | list[dict[str, Any]] | None,
     config: TrackConfig | None,
-    output: str | Path | None,
-    frames: Frames,
-    identity: int | None,
-    person: str | None,
-    force: bool,
+    file: Path | None,
     reporter: Reporter,
     settings: dict[str, Any],
 ) -> Result:
-    """A result of which some frames were solved anew: around pins, or those that are named."""
+    """A result of which some frames were solved anew: around pins, or those that the scene is ``loaded`` with."""
     result, path = result_from(again)
-    file = None if output is None else new_file(output, *USD_SUFFIXES, force=force)
-    loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
     numbers = result.frame_numbers.tolist()
     chosen = [position for position, number in enumerate(numbers) if number in loaded.frames]
     span = range(chosen[0], chosen[-1] + 1) if 0 < len(chosen) < len(numbers) else None

@@ -86,7 +86,7 @@ def show(
         progress: called after each frame with the number of frames done.
 
     Raises:
-        InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
+        InputError: a folder that cannot be written, or fewer images or masks than frames.
     """
     looks, results = [look for look, _, _ in people], [each for _, each, _ in people] or [result]
     if not deviations:

@@ -87,18 +87,20 @@ def solve_body_in_clip(
     return solved, cost / share
 
 
-def follow(
-    subject: Subject, rig: CameraRig, observations: Iterable[Observation], fps: float, config: TrackConfig
-) -> Followed:
+def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float, config: TrackConfig) -> Followed:
     """Follow a subject in its first pose through consecutive frames until one is lost, and back again.
 
     A limb that the first frame did not show is found when it moves; on the way back it is known where it comes from.
     """
+    skeleton = subject.body.skeleton
+    rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
+    if len(clip) == 1:
+        return Followed(clip, rooting.enter(subject.pose[None].astype(float)), np.zeros(1))
     # Forwards, until the subject is lost.
     observed: list[Observation] = []
     answers: list[FrameAnswer] = []
     tracker, silhouettes_of = ContourTracker(subject, rig, config, fps), body_silhouettes(subject, rig)
-    observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))
+    observations = with_holes(clip, fps, lambda _: silhouettes_of(tracker.state.pose))
     for answer in track_frames(tracker, observations, keep=observed.append):
         if answers and np.ravel(answer.status)[0] == STATUS.index("lost"):
             break
@@ -112,8 +114,6 @@ def follow(
         if answer.cost[0] < (1 - _LEAST_GAIN) * answers[last - step].cost[0]:
             answers[last - step] = answer
 
-    skeleton = subject.body.skeleton
-    rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
     rooted = [rooting.enter(answer.pose.astype(float)) for answer in answers]
     course = rooted[0].followed_by(*rooted[1:])
     neighbours = Neighbours.of(course, np.arange(len(course)), fps, curved=False)

@@ -30,7 +30,6 @@ _TRIED = 24  # best draws that are fitted roughly
 _FINE = 6  # best of these that are fitted finely
 _LIMB_STEPS = 5  # descent steps of a limb's fit
 _LEAST_GAIN = 1e-3  # cost that a round over the limbs must save
-_FRUITLESS_ROUNDS = 2  # rounds in a row that save less before limbs stay where they are
 _BODY_STEPS = 10  # descent steps of a fit of body and pose
 
 
@@ -58,9 +57,10 @@ class FrameFit:
     of the masks unexplained. So limbs are drawn at random within their limits and judged by areas.
     """
 
-    def __init__(self, space: RestSpace, frame: FirstFrame) -> None:
+    def __init__(self, space: RestSpace, frame: FirstFrame, patience: int = 2) -> None:
+        """``patience``: rounds in a row over the limbs that save nothing, before these stay where they are."""
         body, skeleton = space.body, space.body.skeleton
-        self.space = space
+        self.space, self._patience = space, patience
         self._skeleton, self._vertex = skeleton, body.tracking_vertex
         self._limbs = limbs(skeleton)
         self._pairs, self._like = limb_pairs(skeleton), like_limbs(skeleton)
@@ -111,7 +111,7 @@ class FrameFit:
             solved = self._solved(guess, self._fine)
             guess = solved if solved.cost < guess.cost else guess  # contours may pull a limb the wrong way
             fruitless = fruitless + 1 if guess.cost > before - _LEAST_GAIN else 0
-            if fruitless == _FRUITLESS_ROUNDS:
+            if fruitless == self._patience:
                 break
         return guess
 

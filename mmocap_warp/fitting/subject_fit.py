@@ -53,6 +53,8 @@ _FITS = 4  # guesses that CPU threads work on at a time: each takes some 50 MB
 _WINNERS = 2  # finalists whose limbs are searched until nothing is gained
 _ROUNDS = 6  # rounds over the limbs, at most
 _CLEAR_MARGIN = 0.03  # one frame decides by this difference of costs
+_CLEAR_SHARE = 0.25  # of a given body: or by this share of the cost, if that is less
+_HOPELESS = 2.0  # what costs so many times as much is not searched further, of a given body
 _TURNED_COSINE = -0.2  # two bodies face apart if the cosine of the angle between them is smaller
 _SAME_PLACE = 0.1  # joints that are nearer to each other are in the same place [m]
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
@@ -134,8 +136,10 @@ def fit_clip(
     first = next(observations)
     best, others = _first_frame(task, first)
     verdict = _verdict(best, others)
-    close = [other for other in others.values() if other.cost < best.cost + _CLEAR_MARGIN]
-    clip = [first, *observations]
+    margin = min(_CLEAR_MARGIN, _CLEAR_SHARE * best.cost) if task.body_is_given else _CLEAR_MARGIN
+    close = [other for other in others.values() if other.cost < best.cost + margin]
+    # To a person whose body is given, and who is seen in one way, the clip has nothing to add.
+    clip = [first] if task.body_is_given and not close else [first, *observations]
     # Motion decides between ways to see the first frame that are nearly as good.
     ways = [_with_clip_body(task, clip, fps, task.subject(guess, verdict)) for guess in (best, *close)]
     (subject, cost), *others_in_clip = sorted(ways, key=lambda way: way[1])
@@ -173,6 +177,11 @@ class _Task:
         skeleton = generic.skeleton.with_free_root() if generic.skeleton.root_is_fixed else generic.skeleton
         return replace(generic, skeleton=skeleton, rigid=generic.rigid if rigid is None else rigid)
 
+    @property
+    def body_is_given(self) -> bool:
+        """Whether the body is a person's own, as said: a robot's is by nature, and has joints that hide."""
+        return self.body.rigid and not self.generic.rigid
+
     @cached_property
     def space(self) -> RestSpace:
         """Bodies around the generic one."""
@@ -198,10 +207,11 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     config, skeleton = task.config, task.body.skeleton
     # All headings to the bottom of their basins, then the limbs of the best few.
     seen = FirstFrame(task.rig, observation, config.seed, task.device, task.threads)
-    frame = FrameFit(task.space, seen)
+    patience = 1 if task.body_is_given else 2
+    frame = FrameFit(task.space, seen, patience)
     count = min(_FITS, task.threads) if task.device == "cpu" else 1
     alone = replace(seen, threads=-(-task.threads // count))
-    fits = [frame, *(FrameFit(task.space, alone) for _ in range(count - 1))]
+    fits = [frame, *(FrameFit(task.space, alone, patience) for _ in range(count - 1))]
     guesses = sorted(by_turns(fits, FrameFit.polished, _headings(task, seen)), key=_cost)
     task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)
     finalists = guesses[: config.finalists]
@@ -222,7 +232,9 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     others: dict[str, Guess] = {}
     there = task.subject(best, {})
     if turned:
-        other = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
+        other = min(turned, key=_cost)
+        if not (task.body_is_given and other.cost > _HOPELESS * best.cost):
+            other = frame.with_limbs_found(other, _ROUNDS)
         if _differ(there, task.subject(other, {})):  # else it has turned back
             others["turned"] = other
     exchanged = [guess for guess in exchanged if guess.cost < best.cost + _LEAST_MARGIN]

@@ -27,10 +27,7 @@ def write_png(path: str | Path, image: np.ndarray) -> None:
     Raises:
         ValueError: an image that PNG cannot hold.
     """
-    path = Path(path)
-    if path.suffix != ".png":
-        raise InputError(path, "is not a PNG file name", "end it in .png")
-    write_whole(path, encode_png(image))
+    write_whole(Path(path), encode_png(image))
 
 
 def encode_png(image: np.ndarray) -> bytes:
@@ -46,13 +43,10 @@ def encode_png(image: np.ndarray) -> bytes:
 
 def write_animation(path: str | Path, frames: Sequence[np.ndarray], seconds: float) -> None:
     """Write BGR pictures of one size as an endless animated ``.webp``, ``seconds`` each, whole or not at all."""
-    path = Path(path)
-    if path.suffix != ".webp":
-        raise InputError(path, "is not a WebP file name", "end it in .webp")
     animation = cv2.Animation()
     animation.frames, animation.durations = list(frames), [round(1000 * seconds)] * len(frames)
     _, data = cv2.imencodeanimation(".webp", animation, (cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY))
-    write_whole(path, data.tobytes())
+    write_whole(Path(path), data.tobytes())
 
 
 _ENCODER_RATE = 2000
@@ -71,8 +65,6 @@ class WebmFile:
 
     def __init__(self, path: str | Path, fps: float) -> None:
         self._path = Path(path)
-        if self._path.suffix != ".webm":
-            raise InputError(path, "is not a WebM file name", "end it in .webm")
         self._fps = fps
         self._writer: cv2.VideoWriter | None = None
         self._size = (0, 0)

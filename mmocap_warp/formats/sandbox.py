@@ -5,6 +5,7 @@ ever, without an exception. So a file that this process did not write is read tw
 may be ended. The worker answers within milliseconds once it runs, and ends by itself when it has been idle for a while.
 """
 
+import atexit
 import json
 import os
 import select
@@ -143,6 +144,12 @@ class _Worker:
             )
         return self._running
 
+    def leave(self) -> None:
+        """End an idle process with this one; one that a parent of this one has started is the parent's."""
+        if self._running is not None and self._owner == os.getpid():
+            self._running.kill()
+            _close(self._running)
+
     def _end(self, process: subprocess.Popen[str]) -> int:
         self._running = None
         try:
@@ -160,6 +167,7 @@ def _close(process: subprocess.Popen[str]) -> int:
 
 
 _worker = _Worker()
+atexit.register(_worker.leave)
 
 
 def _serve() -> None:

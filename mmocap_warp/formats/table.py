@@ -37,7 +37,7 @@ class Format:
     open_units: bool = False  # of a calibration: whether neither its files nor its writers' custom say its unit
     open_sizes: bool = False  # of a calibration: whether it may leave out how large the images are
     beside: tuple[str, ...] = ()  # names of further files that a calibration of it is written to
-    takes_joint_set: bool = False  # of an export: whether it may hold the points of a joint set
+    takes_joint_set: bool = False  # of an export: whether it may go by a joint set
     people: tuple[str, ...] = ()  # of an export: endings of files that hold several people, whose results come by name
     lenses: str = ""  # of a calibration that may lack the cameras' places: the function that reads such a file
 
@@ -110,7 +110,7 @@ EXPORTS: tuple[Format, ...] = (
     Format("glTF", (".glb", ".vrma"), "exports.glb:write_glb", up="+y", people=(".glb",)),
     Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
     Format("OpenSim markers", (".trc",), "exports.tables:write_trc", up="+y", takes_joint_set=True),
-    Format("OpenSim motion", (".mot",), "exports.tables:write_mot", up="+y"),
+    Format("OpenSim motion", (".mot",), "exports.tables:write_mot", up="+y", takes_joint_set=True),
     Format("C3D", (".c3d",), "exports.tables:write_c3d", takes_joint_set=True),
     Format("CSV", (".csv",), "exports.tables:write_csv", takes_joint_set=True),
     Format("Parquet", (".parquet",), "exports.tables:write_parquet", takes_joint_set=True),
@@ -191,7 +191,7 @@ def read_calibration(
         InputError: an unknown ending, a file that cannot be read, values that are missing, or no calibration (see
             :func:`~mmocap_warp.cameras.rig.check_rig`).
     """
-    return _format_of(CALIBRATIONS, path).load()(path, units, up, sizes)
+    return format_of(CALIBRATIONS, path).load()(path, units, up, sizes)
 
 
 def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
@@ -200,7 +200,7 @@ def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> Camer
     Returns:
         Cameras at the origin; None for a calibration that has places.
     """
-    format = _format_of(CALIBRATIONS, path)
+    format = format_of(CALIBRATIONS, path)
     lenses: CameraRig | None = _function(format.lenses)(path, up, sizes) if format.lenses else None
     return lenses
 
@@ -213,12 +213,7 @@ def write_calibration(path: Path, rig: CameraRig) -> None:
     """
     if rig.K[:, 0, 1].any() and not path.name.lower().endswith((".toml", ".yml")):
         raise InputError(path, "cannot hold the skew that these cameras have", "write a .toml or intri.yml")
-    calibration_export(path).load()(path, rig)
-
-
-def calibration_export(path: Path) -> Format:
-    """The format of ``CALIBRATION_EXPORTS`` that a file's name tells."""
-    return _format_of(CALIBRATION_EXPORTS, path)
+    format_of(CALIBRATION_EXPORTS, path).load()(path, rig)
 
 
 def export(
@@ -235,19 +230,15 @@ def export(
     """
     from mmocap_warp.result.excerpt import stood_up
 
-    format = _format_of(formats, path)
+    format = format_of(formats, path)
     points = {} if joint_set is None else {"joint_set": joint_set}
     people = result if isinstance(result, dict) else {"": result}
     turned = {name: each if format.up is None else stood_up(each, format.up) for name, each in people.items()}
     format.load()(turned if isinstance(result, dict) else turned[""], path, **points)
 
 
-def export_format(path: Path) -> Format:
-    """The format of ``EXPORTS`` that a file's ending names."""
-    return _format_of(EXPORTS, path)
-
-
-def _format_of(formats: tuple[Format, ...], path: Path) -> Format:
+def format_of(formats: tuple[Format, ...], path: Path) -> Format:
+    """The one of some formats that a file's name tells; an InputError where none does."""
     for candidate in formats:
         if candidate.matches(path):
             return candidate

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.motion.captured_points import read_trc
 from mmocap_warp.formats.usd import usd_file
 from mmocap_warp.formats.usd.usd_skeleton import is_rotation
@@ -34,10 +34,8 @@ def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Tru
     if path.suffix == ".trc":
         tracks = read_trc(path, axes)
         frames = tracks.frame_numbers - tracks.frame_numbers[0] + first_frame
-        try:
+        with input_errors(path, "{error}", "export it again", ValueError):
             return Truth(tracks.rate, frames, (), np.zeros((len(frames), 0, 3)), tracks.names, tracks.positions)
-        except ValueError as error:
-            raise InputError(path, str(error), "export it again") from error
     if path.suffix in usd_file.USD_SUFFIXES:
         if axes != "xyz" or first_frame:
             raise InputError(path, f"cannot have axes = {axes!r} or a first_frame", "leave both out; a .trc needs them")
@@ -88,10 +86,8 @@ def read_truth(path: str | Path) -> Truth:
     if prim.HasAttribute("mmocap:rootBase"):
         root_base = root.array("mmocap:rootBase", (3, 3), np.float64).T
         root.require(is_rotation(root_base), "mmocap:rootBase is not a rotation")
-    try:
+    with input_errors(path, "{error}", _REMEDY, ValueError):
         return Truth(stage.GetTimeCodesPerSecond(), frames, marker_names, markers, joint_names, joints, pose, root_base)
-    except ValueError as error:
-        raise InputError(path, str(error), _REMEDY) from error
 
 
 def _define_points(stage: Usd.Stage, path: str, names: tuple[str, ...], places: np.ndarray, frames: np.ndarray) -> None:

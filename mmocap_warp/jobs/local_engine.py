@@ -38,11 +38,22 @@ def local_devices(wanted: str) -> list[str]:
     return devices
 
 
+def forks_of(module: str) -> Any:
+    """How processes are started that need a module.
+
+    They are never forks of this one, whose CUDA context would not survive it. On Linux they are forks of a process that
+    has imported the module and has started nothing.
+    """
+    context: Any = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
+    if sys.platform == "linux":
+        context.set_forkserver_preload([module])
+    return context
+
+
 class LocalEngine(Engine):
     """One process per device, see :func:`local_devices`, with so many CPU threads; None for all that may be used.
 
-    Processes are never forks of this one, whose CUDA context would not survive it. On Linux they are forks of a process
-    that has imported what they need and has started nothing. ``make`` makes the worker of a process, unless it is to
+    ``make`` makes the worker of a process, unless it is to
     ``serve`` in another way.
     """
 
@@ -53,9 +64,7 @@ class LocalEngine(Engine):
         threads: int | None = None,
         serve: Callable[..., Any] | None = None,
     ) -> None:
-        self._context: Any = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
-        if sys.platform == "linux":
-            self._context.set_forkserver_preload([make.__module__])
+        self._context = forks_of(make.__module__)
         self._threads, self._serve = threads, serve or partial(serve_jobs, make)
         super().__init__(devices)
 

@@ -32,8 +32,6 @@ def clean_mask(
 
 def mend_mask(mask: np.ndarray, settings: ForegroundSettings, scale: float) -> np.ndarray:
     """The steps of :func:`clean_mask` that know no body: median, open, close, fill holes, drop small components."""
-    if not (settings.median or settings.open or settings.close or settings.fill_holes or settings.min_area):
-        return mask
     m: Any = mask.astype(np.uint8)
     # Each step works on no more of the image than it can change, where there may be foreground.
     if settings.median:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.masks.frames import (
     ImageFolder,
     VideoFile,
@@ -142,12 +142,9 @@ def list_tar(path: Path) -> list[TarMember]:
 
 def read_member(path: Path, member: TarMember) -> bytes:
     """A file's content."""
-    try:
-        with path.open("rb") as stream:
-            stream.seek(member.offset)
-            data = stream.read(member.length)
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error})", "check its permissions") from None
+    with input_errors(path, "cannot be read ({error})", "check its permissions", OSError), path.open("rb") as stream:
+        stream.seek(member.offset)
+        data = stream.read(member.length)
     if len(data) < member.length:
         raise InputError(path, f"ends within '{member.name}'", "copy it again")
     return data

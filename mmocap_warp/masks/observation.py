@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import Any, Self
 
 import cv2
@@ -123,13 +124,13 @@ _LEVEL = 1  # a mask of 640 x 480 takes 1 to 2 KB, in 0.1 ms; higher levels brin
 class KeptObservations:
     """Consecutive frames' masks, compressed, in the order in which they were added; to be used in a ``with``.
 
-    Where the temporary file cannot grow, none are kept.
+    They may be read while others are added. Where the temporary file cannot grow, none are kept.
     """
 
     def __init__(self) -> None:
         self._file = tempfile.SpooledTemporaryFile(_IN_MEMORY)  # noqa: SIM115  __exit__ closes it
         self._frames: list[tuple[int, Observation]] = []  # its length in the file, and the rest of it
-        self._full = False
+        self._full, self._lock = False, Lock()
 
     def __enter__(self) -> Self:
         return self
@@ -143,8 +144,11 @@ class KeptObservations:
             return
         try:
             hidden = b"" if observation.hidden is None else observation.hidden.tobytes()
-            length = self._file.write(zlib.compress(observation.words.tobytes() + hidden, _LEVEL))
-            self._file.flush()  # else a full disk is noticed too late to read the masks again
+            packed = zlib.compress(observation.words.tobytes() + hidden, _LEVEL)
+            with self._lock:
+                self._file.seek(0, 2)  # to its end
+                length = self._file.write(packed)
+                self._file.flush()  # else a full disk is noticed too late to read the masks again
         except OSError:  # no room
             self._frames.clear()
             self._full = True
@@ -165,8 +169,12 @@ class KeptObservations:
         return len(self._frames)
 
     def __iter__(self) -> Iterator[Observation]:
-        """The frames, each with the bits it was added with. One iteration at a time."""
-        self._file.seek(0)
+        """The frames, each with the bits it was added with."""
+        place = 0
         for length, frame in self._frames:
-            words = np.frombuffer(zlib.decompress(self._file.read(length)), "<u4").reshape(-1, *frame.words.shape)
+            with self._lock:
+                self._file.seek(place)
+                packed = self._file.read(length)
+            place += length
+            words = np.frombuffer(zlib.decompress(packed), "<u4").reshape(-1, *frame.words.shape)
             yield replace(frame, words=words[0], hidden=None if frame.hidden is None else words[1])

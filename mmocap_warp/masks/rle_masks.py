@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.masks.frames import evenly_spread, natural_order
 from mmocap_warp.masks.mask_image import Labels
 from mmocap_warp.whole_file import read_text
@@ -47,10 +47,8 @@ class RleMasks:
         image = np.zeros((height, width), np.uint32)
         masks = {}
         for identity, rle in self.frames[number].items():
-            try:
+            with input_errors(f"{self.path}: frame {number}", "{error}", _REMEDY, ValueError):
                 masks[identity] = decode_rle(rle["counts"], height, width)
-            except ValueError as error:
-                raise InputError(f"{self.path}: frame {number}", str(error), _REMEDY) from None
         for identity in sorted(masks, key=lambda i: -int(masks[i].sum())):
             image[masks[identity]] = identity
         return Labels(image)

@@ -8,20 +8,9 @@ import numpy as np
 
 from mmocap_warp.body.joint_sets import RIG, JointSet
 from mmocap_warp.body.joint_sets import joint_set as set_named
+from mmocap_warp.result import pose_errors
 from mmocap_warp.result.marker_errors import marker_errors
 from mmocap_warp.result.other_world import other_world
-from mmocap_warp.result.pose_errors import (
-    LOST_LIMB,
-    NEAR,
-    aligned_error,
-    common_frames,
-    farthest,
-    growth,
-    nanmean,
-    offset_free_distance,
-    on_all_frames,
-    second_differences,
-)
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth, at_rate
 
@@ -74,24 +63,26 @@ def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | N
     """
     points = _Points(result, joint_set, result.joints())
     joints = points.as_joints
-    series = {"cost": result.cost, "iou": nanmean(result.iou, axis=2)}
+    series = {"cost": result.cost, "iou": pose_errors.nanmean(result.iou, axis=2)}
     report = _overlap(result, series["iou"])
-    shake = second_differences(joints, result.frame_numbers, result.fps) * _METRES_TO_MM
+    shake = pose_errors.second_differences(joints, result.frame_numbers, result.fps) * _METRES_TO_MM
     report["shake_mm"] = _median(shake)
     of_runs = {"shake_mm": np.array([_median(run) for run in shake])}
     report |= _sigmas(result)
     if truth is not None:
         truth = at_rate(truth, result.fps)
-        mine, theirs = common_frames(result, truth)
+        mine, theirs = pose_errors.common_frames(result, truth)
         report["truth_frames"] = len(mine)
         report |= _marker_errors(truth, mine, theirs, result, series)
         report |= _joint_errors(joints, truth, mine, theirs, result, series)
         report["by_joint"] = points.errors(truth, mine, theirs)
         report |= _attached_errors(joints, truth, mine, theirs, result)
         report |= _angle_errors(result, truth, mine, theirs)
-        of_runs["growth"] = growth(series["mpjpe_mm"][:, mine])
+        of_runs["growth"] = pose_errors.growth(series["mpjpe_mm"][:, mine])
         report["growth"] = _mean(of_runs["growth"])
-        report |= _evaluate_statuses(result.status[:, mine], farthest(result, truth, mine, theirs, joints), of_runs)
+        report |= _evaluate_statuses(
+            result.status[:, mine], pose_errors.farthest(result, truth, mine, theirs, joints), of_runs
+        )
     report["per_run"] = _per_run(result, series, of_runs)
     report["series"] = {"frame": result.frame_numbers} | series
     return _jsonable(report)
@@ -117,7 +108,7 @@ class _Points:
         point = [number for number, name in enumerate(named) if name]
         known = truth.joints[theirs][:, [truth.joint_names.index(named[number]) for number in point]]
         tracked, axes = self._places[:, mine][:, :, point], self._set.axes(self._result.subject.body)[point]
-        left, offset = offset_free_distance(self._result, mine, tracked, axes, known)
+        left, offset = pose_errors.offset_free_distance(self._result, mine, tracked, axes, known)
         values = {"median_mm": np.linalg.norm(tracked - known, axis=-1), "offset_mm": offset, "left_mm": left}
         return {
             self._set.names[number]: {key: _median(of[..., i]) * _METRES_TO_MM for key, of in values.items()}
@@ -136,8 +127,8 @@ def _overlap(result: Result, iou: np.ndarray) -> _Report:
         "evaluations": total,
         "evaluations_per_second": total / result.seconds if result.seconds > 0 else None,
         "seconds": result.seconds,
-        "mean_cost": _mean(nanmean(result.cost, axis=1)),
-        "mean_iou": _mean(nanmean(iou, axis=1)),
+        "mean_cost": _mean(pose_errors.nanmean(result.cost, axis=1)),
+        "mean_iou": _mean(pose_errors.nanmean(iou, axis=1)),
         "worst_iou": worst.min(),
         "worst_iou_frame": int(result.frame_numbers[worst.argmin()]) if np.isfinite(worst).any() else None,
         "iou_by_camera": iou_by_camera(result),
@@ -146,7 +137,7 @@ def _overlap(result: Result, iou: np.ndarray) -> _Report:
 
 def iou_by_camera(result: Result) -> dict[str, float | None]:
     """Mean overlap of each camera over all frames and runs; None where it sees nobody."""
-    return dict(_jsonable(dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)), strict=True))))
+    return dict(_jsonable(dict(zip(result.cameras.names, pose_errors.nanmean(result.iou, axis=(0, 1)), strict=True))))
 
 
 def _sigmas(result: Result) -> _Report:
@@ -173,8 +164,8 @@ def _marker_errors(truth: Truth, mine: np.ndarray, theirs: np.ndarray, result: R
         ("eq20_as_printed", errors.as_printed, errors.as_printed_floor),
         ("marker_error", errors.from_own_answer, errors.from_own_answer_floor),
     ):
-        series[f"{name}_mm"] = on_all_frames(error * _METRES_TO_MM, mine, result)
-        report[f"{name}_mm"] = _mean(nanmean(series[f"{name}_mm"], axis=1))
+        series[f"{name}_mm"] = pose_errors.on_all_frames(error * _METRES_TO_MM, mine, result)
+        report[f"{name}_mm"] = _mean(pose_errors.nanmean(series[f"{name}_mm"], axis=1))
         report[f"{name}_floor_mm"] = _mean(floor) * _METRES_TO_MM
     return report | {"eq20_as_printed_left_out": errors.left_out}
 
@@ -188,22 +179,22 @@ def _joint_errors(
     tracked = joints[:, mine][:, :, [skeleton.index(name) for name in names]]
     known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
     distance = np.linalg.norm(tracked - known, axis=-1) * _METRES_TO_MM  # (run, common frame, joint)
-    aligned = aligned_error(tracked, known) * _METRES_TO_MM
-    series["mpjpe_mm"] = on_all_frames(nanmean(distance, axis=2), mine, result)
-    series["pa_mpjpe_mm"] = on_all_frames(aligned, mine, result)
+    aligned = pose_errors.aligned_error(tracked, known) * _METRES_TO_MM
+    series["mpjpe_mm"] = pose_errors.on_all_frames(pose_errors.nanmean(distance, axis=2), mine, result)
+    series["pa_mpjpe_mm"] = pose_errors.on_all_frames(aligned, mine, result)
     ends = [i for i, name in enumerate(names) if name in skeleton.ends]
-    lost = (distance[..., ends] > LOST_LIMB * _METRES_TO_MM).any(axis=(0, 2))
+    lost = (distance[..., ends] > pose_errors.LOST_LIMB * _METRES_TO_MM).any(axis=(0, 2))
 
     # A joint's offset is constant in the axes of its parent, the root's in its own.
     axes = [max(skeleton.parent[skeleton.index(name)], 0) for name in names]
-    left, _ = offset_free_distance(result, mine, tracked, axes, known)
+    left, _ = pose_errors.offset_free_distance(result, mine, tracked, axes, known)
 
     def median_of(*wanted: str) -> float:
         return _median(distance[..., [i for i, name in enumerate(names) if name in wanted]])
 
     return {
-        "mpjpe_mm": _mean(nanmean(series["mpjpe_mm"], axis=1)),
-        "pa_mpjpe_mm": _mean(nanmean(series["pa_mpjpe_mm"], axis=1)),
+        "mpjpe_mm": _mean(pose_errors.nanmean(series["mpjpe_mm"], axis=1)),
+        "pa_mpjpe_mm": _mean(pose_errors.nanmean(series["pa_mpjpe_mm"], axis=1)),
         "median_joint_mm": median_of(*names),
         "median_joint_offsets_removed_mm": _median(left) * _METRES_TO_MM,
         "median_mm_by_joint": {name: median_of(name) for name in names},
@@ -247,11 +238,11 @@ def _evaluate_statuses(status: np.ndarray, off: np.ndarray, of_runs: _Series) ->
     ``off`` (run, common frame) is how far the root or a limb's end is off [m], NaN where that is unknown.
     """
     tracked = status == STATUS.index("tracked")
-    wrong, near = tracked & (off > LOST_LIMB), off <= NEAR
+    wrong, near = tracked & (off > pose_errors.LOST_LIMB), off <= pose_errors.NEAR
     reported = near & (tracked | (status == STATUS.index("partial")))
     known = np.isfinite(off).any()
     of_runs["wrongly_tracked"] = np.where(known, wrong.sum(axis=1), np.nan)
-    of_runs["near_tracked"] = nanmean(np.where(near, reported, np.nan), axis=1)
+    of_runs["near_tracked"] = pose_errors.nanmean(np.where(near, reported, np.nan), axis=1)
     return {
         "wrongly_tracked": int(wrong.any(axis=0).sum()) if known else None,
         "near_tracked": _mean(of_runs["near_tracked"]),

@@ -168,12 +168,13 @@ def _subject_file(scene: Scene) -> Path:
 def _images(scene: Scene, k: int) -> list:
     """Which frames camera ``k`` has: names relative to the scene and sizes, and how they are placed."""
     camera = scene.cameras[k]
-    relative = cache(lambda folder: Path(os.path.relpath(folder, scene.directory)))
+    prefix = cache(lambda folder: (Path(os.path.relpath(folder, scene.directory)) / "_").as_posix()[:-1])
     files = [
-        ((relative(file.parent) / file.name).as_posix(), file.stat().st_size)
+        (prefix(folder) + name, os.stat(file).st_size)
         for frames in (camera.video, camera.masks, camera.clean_plate, camera.background)
         if frames is not None
         for file in getattr(frames, "files", None) or (frames.path,)
+        for folder, name in [os.path.split(file)]
     ]
     resampled = [camera.rate] if camera.rate != 1.0 else []
     resampled += [camera.fraction] if camera.fraction else []

@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import input_errors
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.truth_file import write_truth
@@ -113,11 +113,9 @@ def write_made_scene(
 
 def _write_masks(folder: Path, footage: Footage, progress: Progress | None) -> None:
     folders = [folder / "masks" / file_name(name, folder) for name in footage.rig.names]
-    try:
+    with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
         for each in folders:
             each.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from error
     for frame in range(len(footage)):
         for each, mask in zip(folders, footage.masks(frame), strict=True):
             write_png(each / f"{frame:04d}.png", mask)

@@ -55,7 +55,7 @@ _LARGEST_LOSS = 0.008  # overlap that a pose which covers a limb may cost
 
 def starts_per_run(config: TrackConfig) -> int:
     """The most poses of a run that are fitted at a time."""
-    return SCATTERED_POSES if config.algorithm == "search-contour" else _STARTS
+    return _STARTS if config.algorithm == "contour" else SCATTERED_POSES
 
 
 class ContourTracker:

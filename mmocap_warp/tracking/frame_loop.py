@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import nullcontext
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, nullcontext
 from dataclasses import asdict, replace
 from itertools import chain, islice
 from math import ceil
 from pathlib import Path
+from threading import Semaphore
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
@@ -32,7 +35,7 @@ from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_ide
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.from_settings import in_own_unit
-from mmocap_warp.tracking.holes import HOLE_SECONDS, with_holes
+from mmocap_warp.tracking.holes import HOLE_SECONDS, BodyBefore, with_holes
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -181,47 +184,123 @@ def track(
             return silhouettes_of(poses[place - 1] if place < len(poses) else tracker.state.pose)
 
         observations = islice(with_holes(observations, scene.rate, body_before), len(again), None)
-        with saved or nullcontext():
-            answers += track_frames(tracker, observations, first=done, saved=saved, progress=progress)
-        result = collect(subject, rig, scene.fps, config, answers, scene.frames)
+        # Smooth meanwhile, where there are cores for both.
+        beside = None
+        if config.acceleration and not done and tracker.device == "cpu" and (config.threads or available_threads()) > 1:
+            unknown = np.full((config.runs, len(rig)), np.nan)
+            blank = FrameAnswer(tracker.state.pose, unknown[:, 0], unknown, 0, STATUS.index("lost"), 0.0)
+            room = collect(subject, rig, scene.fps, config, [blank] * scene.frame_count, scene.frames)
+            beside = _SmoothingBeside(room, config, kept, smooth_progress)
 
-        # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk had
-        # no room for, are read again.
-        def masks() -> Iterable[Observation]:
-            return kept if len(kept) == len(answers) else tracked_observations(scene, result)
+        with closing(beside) if beside else nullcontext():
+            with saved or nullcontext():
+                for answer in track_frames(tracker, observations, first=done, saved=saved, progress=progress):
+                    if beside:
+                        beside.add(len(answers), answer)
+                    answers.append(answer)
+            result = collect(subject, rig, scene.fps, config, answers, scene.frames)
+            complete = len(kept) == len(answers)
 
-        finished = _finished(result, config, masks, smooth_progress)
+            # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk
+            # had no room for, are read again.
+            def masks() -> Iterable[Observation]:
+                return kept if complete else tracked_observations(scene, result)
+
+            finished = _finished(result, config, masks, smooth_progress, beside if complete else None)
         return replace(finished.in_unit(1 / unit), **given)
 
 
+class _SmoothingBeside:
+    """Smooths a track in a thread while it grows, with the bits of one that is complete; to be closed.
+
+    ``room`` is a result of as many frames, which this fills, and ``kept`` has the masks of all that were added.
+    """
+
+    def __init__(self, room: Result, config: TrackConfig, kept: KeptObservations, report: SmoothReport | None) -> None:
+        self._room, self._kept, self._complete, self._closed = room, kept, False, False
+        self._added, self._pool = Semaphore(0), ThreadPoolExecutor(1)
+        silhouettes_of = body_silhouettes(room.subject, room.cameras)
+        seen = with_holes(self._masks(), room.rate, lambda place: silhouettes_of(room.pose[:, place - 1]))
+
+        def progress(done: int) -> None:
+            if report and self._complete:
+                report(done)
+
+        self._smoothed = self._pool.submit(smoothed, room, config, seen, progress)
+
+    def add(self, frame: int, answer: FrameAnswer) -> None:
+        """A frame, by its position, was tracked."""
+        for name in ("pose", "cost", "iou", "status"):
+            getattr(self._room, name)[:, frame] = getattr(answer, name)
+        self._added.release()
+
+    def of(self, tracked: Result) -> Result:
+        """The whole track, whose frames were all added, smoothed."""
+        self._complete = True
+        done = self._smoothed.result()
+        seconds = tracked.seconds + done.seconds
+        return replace(done, evaluations=tracked.evaluations, config=tracked.config, seconds=seconds)
+
+    def close(self) -> None:
+        """Let the thread end, before it reads another frame's masks."""
+        self._closed = True
+        self._added.release(2)  # the most that it may wait for
+        self._pool.shutdown()
+
+    def _masks(self) -> Iterator[Observation]:
+        """The masks of each frame, once the frame after it is tracked too: late views ask where the body goes."""
+        known, count, kept = 0, len(self._room.frame_numbers), iter(self._kept)
+        for frame in range(count):
+            while known < min(frame + 2, count):
+                self._added.acquire()
+                known += 1
+            if self._closed:
+                raise InterruptedError
+            yield next(kept)
+
+
 def _finished(
-    result: Result, config: TrackConfig, masks: Callable[[], Iterable[Observation]], progress: SmoothReport | None
+    result: Result,
+    config: TrackConfig,
+    masks: Callable[[], Iterable[Observation]],
+    progress: SmoothReport | None,
+    beside: _SmoothingBeside | None = None,
 ) -> Result:
     """The track, smoothed where that is wanted, and what the masks, read anew each time, say about it.
 
-    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen.
+    A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen. The tracker has
+    followed that view, so it starts once more without it. What smoothed the track ``beside`` knew of neither: it holds
+    where there are none.
     """
     repeated = repeated_views(read_ahead(masks()))
     at_once = np.logical_and.reduce(repeated, axis=1)
     frozen = repeated & ~at_once[:, None]
+    silhouettes_of = body_silhouettes(result.subject, result.cameras)
+
+    def shown(body: BodyBefore) -> Iterator[Observation]:
+        seen = with_holes(masks(), result.rate, body)
+        return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if frozen.any() else seen
+
+    if frozen.any():
+        tracker = make_tracker(result.subject, result.cameras, config, result.rate)
+        answers = list(track_frames(tracker, shown(lambda _: silhouettes_of(tracker.state.pose))))
+        again = collect(result.subject, result.cameras, result.fps, config, answers)
+        names, numbers = result.cameras.names, result.frame_numbers
+        left_out = {name: numbers[frozen[:, k]].tolist() for k, name in enumerate(names) if frozen[:, k].any()}
+        told, seconds = result.config | {"frozen_views": left_out}, result.seconds + again.seconds
+        result = replace(again, frame_numbers=numbers, config=told, seconds=seconds)
     status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
-    numbers = {
-        name: result.frame_numbers[frozen[:, k]].tolist()
-        for k, name in enumerate(result.cameras.names)
-        if frozen[:, k].any()
-    }
-    result = replace(result, status=status, config=result.config | ({"frozen_views": numbers} if numbers else {}))
+    result = replace(result, status=status)
+    raw = result.pose
 
-    silhouettes_of, raw = body_silhouettes(result.subject, result.cameras), result.pose
-
-    def shown() -> Iterable[Observation]:
-        seen = read_ahead(with_holes(masks(), result.rate, lambda place: silhouettes_of(raw[:, place - 1])))
-        return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if numbers else seen
+    def of_raw(place: int) -> ViewMasks:
+        return silhouettes_of(raw[:, place - 1])
 
     if config.acceleration:
-        result = smoothed(result, config, shown(), progress)
+        whole = beside if not repeated.any() else None
+        result = whole.of(result) if whole else smoothed(result, config, read_ahead(shown(of_raw)), progress)
         gc.collect()  # what was smoothed holds itself, and with it the fields of a window
-    return with_evidence(result, config, shown())
+    return with_evidence(result, config, read_ahead(shown(of_raw)))
 
 
 def _check_start(scene: Scene, subject: Subject) -> None:

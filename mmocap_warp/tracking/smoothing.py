@@ -94,18 +94,20 @@ def smoothed(
     before a run's first and after its last frame with a pose. A repeated frame's masks are not looked at either.
 
     A window of masks is held at a time, after each of which ``progress`` is called. ``mending`` says which frames are
-    held, and what was clicked in the others; there is no second opinion then.
+    held, and what was clicked in the others; there is no second opinion then. A frame of ``raw`` is looked at when its
+    masks, or those of the frame before, have been read: the track may still grow.
     """
     started = time.perf_counter()
     masks = _MaskWindow(raw, config, observations)
     runs = [_RunSmoother(raw, config, masks, run, mending) for run in range(len(raw.pose))]
-    done, cost, iou = 0, raw.cost.copy(), raw.iou.copy()
+    done, cost, iou = 0, np.empty_like(raw.cost), np.empty_like(raw.iou)
     # All runs go from window to window together, because the masks are read once.
     for windows in zip(*(run.windows for run in runs), strict=True):
         for run, window in zip(runs, windows, strict=True):
             run.finish(window)
         # A repeated mask is of another time: what its frame had before stays.
         final = np.arange(done, done + windows[0].final)
+        cost[:, final], iou[:, final] = raw.cost[:, final], raw.iou[:, final]
         for frame in final[raw.status[0, final] != _REPEATED].tolist():
             poses = np.stack([run.pose[frame] for run in runs])
             cost[:, frame], iou[:, frame] = masks.judged(frame, poses)
@@ -175,11 +177,14 @@ class _MaskWindow:
     def linearise(
         self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray, neighbours: Neighbours
     ) -> NormalEquations:
-        """What the contours say about frames of the window, or further on; nothing about those not ``seen``."""
-        while self._read <= frames[-1]:
-            to_end = self._places - self._read % self._places
-            self._observe(min(_OBSERVED, to_end, int(frames[-1]) + 1 - self._read))
+        """What the contours say about frames of the window; nothing about those not ``seen``."""
         return self._fitter.linearise(frames % self._places, rooted, neighbours).of_seen(seen)
+
+    def read_until(self, end: int) -> None:
+        """Read the frames up to one, each into the place of the oldest."""
+        while self._read < end:
+            to_end = self._places - self._read % self._places
+            self._observe(min(_OBSERVED, to_end, end - self._read))
 
     def descend(
         self, frames: np.ndarray, starts: RootedPoses, neighbours: Neighbours
@@ -255,9 +260,11 @@ class _RunSmoother:
         subject, track = raw.subject, raw.pose[run]
         skeleton = subject.body.skeleton
         self._masks, self._rate = masks, raw.rate
-        self._tracked = ~np.isin(raw.status[run], (_LOST, _REPEATED))
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
-        self._known = self._rooting.refold(self._rooting.enter(track))  # poses as they were linearised last
+        # What is known of frames that were taken in: poses as they were tracked, and as they were linearised last.
+        self._raw, self._run, self._taken = raw, run, 0
+        self._course, self._known = (self._rooting.enter(np.zeros_like(track)) for _ in range(2))
+        self._tracked, self._shows = (np.zeros(len(track), bool) for _ in range(2))
         self._skeleton, self._size = skeleton, subject.body.relative_size
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
@@ -271,9 +278,8 @@ class _RunSmoother:
         )  # fmt: skip
         opinion = None if mending else backward
         problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, opinion, masks.band)
-        has_masks = np.isfinite(raw.iou).any(axis=(0, 2)) & (raw.status[0] != _REPEATED)
         acceleration = config.acceleration or ACCELERATION
-        self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(acceleration), has_masks)
+        self.windows = problem.windows(self._course, coarse_then_fine(acceleration), self._shows, self._take)
 
         # How sure the poses are: noise from frame to frame, and a body that is not quite the right one.
         far = departure(subject.provenance)
@@ -285,22 +291,29 @@ class _RunSmoother:
         self._widest[masks.searched] = self._rooting.anywhere
         self._usual_misfit = USUAL_MISFIT * subject.body.relative_size
 
-        # Which parts are in doubt: all before a lost end that shows somebody, others by what the body leaves uncovered.
-        end = int(np.flatnonzero(self._tracked).max(initial=-1)) + 1
-        lost = (raw.status[run, end:] == _LOST) & np.isfinite(raw.iou[run, end:]).any(axis=1)
-        self._drifting = slice(max(0, end - round(_DRIFT * raw.rate)) if lost.any() else end, end)
         self._looks: dict[int, np.ndarray] = {}
         self._look_interval = look_interval(raw.rate, final=True)
 
         self._finished = 0
-        self._last_angles = track[0, ROOT_ANGLES]
-        self.pose = track.copy()
+        self.pose = np.zeros_like(track)
         self.sigma = Uncertainty(np.zeros_like(track), np.zeros((len(track), len(skeleton.joints), 3)))
+
+    def _take(self, end: int) -> None:
+        """Read the masks of frames up to one, and take in what was tracked, in the next frame too."""
+        self._masks.read_until(end)
+        new, status = slice(self._taken, min(end + 1, len(self.pose))), self._raw.status[:, self._taken : end + 1]
+        self._tracked[new] = ~np.isin(status[self._run], (_LOST, _REPEATED))
+        self._shows[new] = np.isfinite(self._raw.iou[:, new]).any(axis=(0, 2)) & (status[0] != _REPEATED)
+        course = self._rooting.enter(self._raw.pose[self._run, new])
+        for known, poses in ((self._course, course), (self._known, self._rooting.refold(course))):
+            known.base[new], known.pose[new] = poses.base, poses.pose
+        self._taken = new.stop
 
     def finish(self, window: SolvedWindow) -> None:
         """Take over the next window's final frames."""
         frames = slice(self._finished, self._finished + window.final)
-        self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last_angles)
+        before = self.pose[frames.start - 1] if frames.start else self._raw.pose[self._run, 0]
+        self.pose[frames] = self._rooting.leave(window.rooted[: window.final], before[ROOT_ANGLES])
         contour = window.contour
         if self._mending:  # what holds frames is no contour
             shown = self._finished + np.arange(len(window.rooted))
@@ -311,7 +324,6 @@ class _RunSmoother:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
             sigma.pose[:, :TRANSLATION] = sigma.joint[:, 0]  # the root's place
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
-        self._last_angles = self.pose[frames.stop - 1, ROOT_ANGLES]
         self._finished = frames.stop
 
     def look(self, frame: int, overlap: np.ndarray) -> None:
@@ -333,7 +345,10 @@ class _RunSmoother:
         unsure = (self.sigma.joint.max(axis=2) > _UNSURE * self._size) & self._masks.holed[:, None]
         for joint, part in enumerate(self._skeleton.part):
             doubt[:, part] |= unsure[:, joint]
-        doubt[self._drifting] = True
+        # A clip's end that is lost though it shows somebody: the frames before drifted off.
+        end = int(np.flatnonzero(self._tracked).max(initial=-1)) + 1
+        lost = (self._raw.status[self._run, end:] == _LOST) & np.isfinite(self._raw.iou[self._run, end:]).any(axis=1)
+        doubt[max(0, end - round(_DRIFT * self._rate)) if lost.any() else end : end] = True
         wide = doubt[:, np.array(self._skeleton.part)]  # (frame, joint)
         least = np.where(wide, WIDE_SIGMA * self._size, 0.0)[:, :, None]
         self.sigma.joint[:] = np.maximum(self.sigma.joint, least)

@@ -183,7 +183,7 @@ def test_help_names_every_algorithm(capsys):
 
 
 ALL_COMMANDS = (
-    *COMMANDS[:-1], "batch", "sync", "measure", "synth", "humaneva", "bench",
+    *COMMANDS[:-1], "batch", "sync", "measure", "synth", "bench",
     *(f"calib {name}" for name in ("convert", "check", "refine", "solve")),
     *(f"body {name}" for name in ("import", "export", "learn", "show")),
     *(f"study {name}" for name in ("make", "run", "show", "report")),

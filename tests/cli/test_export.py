@@ -13,6 +13,7 @@ from synthetic import synthetic_result
 
 from mmocap_warp import cli
 from mmocap_warp.cli import console
+from mmocap_warp.formats.exports.rigs import RIGS
 from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
 from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.formats.usd.usd_result import write_result
@@ -99,10 +100,11 @@ def test_a_c3d_keeps_the_world(file, smoothed, capsys):
     assert len(read_bvh(file.with_name("a.bvh")).place) == 12
 
 
-def test_a_rig_has_its_own_names_and_the_same_motion(file, smoothed, capsys):
-    export(capsys, file, "a.trc", "--rig", "mixamo")
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_rig_has_its_own_names_and_the_same_motion(rig, file, smoothed, capsys):
+    export(capsys, file, "a.trc", "--rig", rig)
     tracks = read_trc(file.with_name("a.trc"))
-    assert tracks.names[0] == "mixamorigHips"
+    assert tracks.names[0] == RIGS[rig].names["Root"]
     count = len(smoothed.subject.body.skeleton.joints)
     np.testing.assert_allclose(tracks.positions[:, :count], joints(smoothed)[1], rtol=0, atol=SAME)
 

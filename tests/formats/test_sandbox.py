@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
+import subprocess
+import sys
 import warnings
 
 import native_readers
@@ -35,6 +37,14 @@ def test_a_file_that_ends_its_reader_is_refused(tmp_path, monkeypatch, text, pro
 def test_a_process_that_somebody_kills_says_nothing_of_the_file(tmp_path):
     (tmp_path / "a").write_text("killed")
     assert native_readers.read(tmp_path / "a") == "killed"
+
+
+def test_a_program_that_ends_leaves_no_process_behind(tmp_path):
+    (tmp_path / "good").write_text("good")
+    code = f"import native_readers; native_readers.read({str(tmp_path / 'good')!r})"
+    command = [sys.executable, "-W", "always::ResourceWarning", "-c", code]
+    environment = os.environ | {"PYTHONPATH": os.path.dirname(native_readers.__file__)}
+    assert subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stderr == ""
 
 
 def test_a_process_that_has_ended_leaves_no_pipe_open(tmp_path, monkeypatch):

@@ -123,8 +123,9 @@ def with_folded_arm(**settings) -> ContourTracker:
     return made
 
 
-def test_an_arm_that_masks_show_is_in_doubt_until_it_is_found():
-    made = with_folded_arm()
+@pytest.mark.parametrize("settings", [{}, {"algorithm": "h-de", "polish": True, "evaluations": 200}], ids=str)
+def test_an_arm_that_masks_show_is_in_doubt_until_it_is_found(settings):
+    made = with_folded_arm(**settings)
     levels = made._state.overlap_levels
     answers = [made.step(seen()) for _ in range(KNOWN)]
     assert {status(answer) for answer in answers} == {"partial"}

@@ -105,8 +105,11 @@ def test_a_frozen_view_is_left_out_and_named():
     frozen = [replace(each, words=each.words.copy()) for each in seen]
     for i in range(4, 15):
         frozen[i].words[3] = seen[3].words[3]
-    result = _finished(tracked(), CONFIG, lambda: frozen, None)
-    assert result.config["frozen_views"] == {"cam04": list(range(4, 15))}
-    assert np.isnan(result.iou[0, 4:15, 3]).all()
-    off = joint_positions(SUBJECT, result.pose[0]) - joint_positions(SUBJECT, truth)
-    assert np.linalg.norm(off, axis=-1).mean() < 0.3 * PX
+    misled = tracked(poses=truth + np.eye(SUBJECT.pose.size)[0] * 0.1 * (np.arange(FRAMES)[:, None] > 3))
+    for config in (CONFIG, replace(CONFIG, smooth=0.0)):
+        result = _finished(misled, config, lambda: frozen, None)
+        assert result.config["frozen_views"] == {"cam04": list(range(4, 15))}
+        assert np.isnan(result.iou[0, 4:15, 3]).all()
+        assert result.frame_numbers.tolist() == list(range(FRAMES))
+        off = joint_positions(SUBJECT, result.pose[0]) - joint_positions(SUBJECT, truth)
+        assert np.linalg.norm(off, axis=-1).mean() < 0.3 * PX

@@ -173,7 +173,7 @@ def test_holes_are_followed_in_the_clip_that_a_body_is_fitted_to_and_live(holed_
 
     monkeypatch.setattr(ContourTracker, "step", watched)
     rig = scene.rig(CONFIG.scale)
-    found = follow(subject, rig, scene.observations(CONFIG.scale), scene.rate, CONFIG)
+    found = follow(subject, rig, list(scene.observations(CONFIG.scale)), scene.rate, CONFIG)
     assert hidden_in[:5] == [False, False, False, True, True]
     assert [seen.hidden is not None for seen in found.observation] == hidden_in[:4]  # the fifth is lost
     hidden_in.clear()

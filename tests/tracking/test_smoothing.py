@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -17,13 +18,13 @@ from mmocap_warp.body.posing import joint_positions
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.contour.clip import clip_problem as clip
 from mmocap_warp.formats.usd.usd_body import read_subject
-from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.tracking import smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.frame_loop import collect, track, track_observations
+from mmocap_warp.tracking.frame_loop import _SmoothingBeside, collect, track, track_observations
 from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.smoothing import smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -280,3 +281,38 @@ def test_interrupted_while_it_is_smoothed_a_run_ends_with_the_same_bits(walk, tm
         again = track(scene, subject, config, checkpoint=path, resume=True)
     for name in ("pose", "raw_pose", "cost", "iou", "status", "angle_sigma", "joint_sigma"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(again, name), err_msg=name)
+
+
+@pytest.mark.parametrize("frames", [FRAMES, 1, 2])
+def test_smoothed_while_it_is_tracked_a_clip_has_the_same_bits(monkeypatch, frames):
+    for module in clip, smoothing:
+        monkeypatch.setattr(module, "WINDOW", 8 / FPS)
+        monkeypatch.setattr(module, "AHEAD", 2 / FPS)
+    monkeypatch.setattr(clip, "OVERLAP", 3 / FPS)
+    seen, config = swinging()[1][:frames], replace(CONFIG, threads=2)
+    track = rough_track(lost=(5, 6, 20, 23) if frames > 2 else ())
+    names = ("pose", "cost", "iou", "status")
+    track = replace(
+        track, frame_numbers=np.arange(frames), evaluations=track.evaluations[:, :frames],
+        **{name: getattr(track, name)[:, :frames] for name in names},
+    )  # fmt: skip
+    whole = smoothed(track, config, seen)
+    # What is read too early is wrong.
+    blank = {name: np.full_like(getattr(track, name), np.nan) for name in names[:3]}
+    room = replace(track, status=np.full_like(track.status, STATUS.index("lost")), **blank)
+    with KeptObservations() as kept, closing(_SmoothingBeside(room, config, kept, None)) as beside:
+        for frame, observation in enumerate(seen):
+            kept.add(observation)
+            columns = (getattr(track, name)[:, frame] for name in names[:3])
+            beside.add(frame, FrameAnswer(*columns, 1, track.status[:, frame], 0.0))
+        result = beside.of(track)
+    for name, array in whole.arrays.items():
+        np.testing.assert_array_equal(getattr(result, name), array, err_msg=name)
+
+
+def test_an_interrupted_track_leaves_no_thread_waiting():
+    seen, track = swinging()[1], rough_track()
+    with KeptObservations() as kept, closing(_SmoothingBeside(track, CONFIG, kept, None)) as beside:
+        kept.add(seen[0])
+    with pytest.raises(InterruptedError):
+        beside._smoothed.result(timeout=60)

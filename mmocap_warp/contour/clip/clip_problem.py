@@ -1,6 +1,6 @@
 """All poses of a clip as one least-squares problem: what the contours say, and a penalty on accelerations."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,35 +65,43 @@ class ClipProblem:
     band: DeviceBand | None = None  # solves steps on a GPU; None for NumPy, on a CPU twenty times as fast
 
     def windows(
-        self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine(), shows: np.ndarray | None = None
+        self,
+        course: RootedPoses,
+        passes: tuple[Pass, ...] = coarse_then_fine(),
+        shows: np.ndarray | None = None,
+        ready: Callable[[int], object] = lambda end: None,
     ) -> Iterator[SolvedWindow]:
         """The clip's poses in windows of frames that are solved in turn, so that memory does not grow with the clip.
 
         All but a window's end is final: the next window starts from there, with its last poses held. A window may end
-        after frames that ``shows`` (frame,) bool names; where it is None, after those that show anything.
+        after frames that ``shows`` (frame,) bool names; where it is None, after those that show anything. Frames of
+        the ``course`` may be missing at first: ``ready`` waits for those up to one, before they are looked at.
         """
         window, overlap, ahead = (round(time * self.rate) for time in (WINDOW, OVERLAP, AHEAD))
-        first, held = 0, self.rooting.none
-        while first < len(rooted):
+        first, held, rooted = 0, self.rooting.none, self.rooting.none  # poses from the first frame of a window on
+        while first < len(course):
             # Solve the window.
-            last = min(first + window, len(rooted))
-            frames = np.arange(first, last)
-            solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
+            last = min(first + window, len(course))
+            ready(last)
+            count, frames = last - first, np.arange(first, last)
+            rooted = rooted.followed_by(course[first + len(rooted) : last])
+            solved, contour = self.solved_together(frames, rooted[:count], held, passes)
             # Follow it backwards from beyond its end; where that finds better poses, solve it anew from these.
             if self.backward:
-                beyond = min(last + ahead, len(rooted))
-                known = solved.followed_by(rooted[last:beyond])
+                beyond = min(last + ahead, len(course))
+                ready(beyond)
+                rooted = rooted.followed_by(course[first + len(rooted) : beyond])
+                known = solved.followed_by(rooted[count:])
                 revised = self.backward.revised(np.arange(first, beyond), known, held)
                 if revised is not known:
-                    rooted = rooted[:first].followed_by(revised, rooted[beyond:])
-                    solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
+                    rooted = revised
+                    solved, contour = self.solved_together(frames, rooted[:count], held, passes)
             # Its end is solved once more with the frames that follow.
-            final = last - first
-            if last < len(rooted):
+            final = count
+            if last < len(course):
                 final = _final_frames(contour.observed if shows is None else shows[first:last], overlap)
-                rooted = rooted[: first + final].followed_by(solved[final:], rooted[last:])
             yield SolvedWindow(solved, contour, final)
-            first += final
+            first, rooted = first + final, solved[final:].followed_by(rooted[count:])
             held = held.followed_by(solved[:final])[-HELD:]
 
     def solved_together(

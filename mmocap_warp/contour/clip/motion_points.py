@@ -23,8 +23,7 @@ class MotionPoints:
 
     def at(self, rooted: RootedPoses) -> np.ndarray:
         """The points of each frame, (frame, point, 3) [m]; joint ``j`` has numbers ``4 j`` to ``4 j + 3``."""
-        world, centre, _ = self._joints(rooted)
-        return _points(world, centre).reshape(len(rooted), -1, 3)
+        return self.with_axes(rooted)[0]
 
     def with_axes(self, rooted: RootedPoses) -> tuple[np.ndarray, np.ndarray]:
         """The points, and what each joint's angles turn about, or what it slides along, (frame, joint, axis, 3)."""

@@ -1,6 +1,5 @@
 """Reading a calibration's text, and what the text may leave open: the unit of lengths and the images' sizes."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -8,22 +7,12 @@ from mmocap_warp.cameras.rig import METRES
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import read_text
 
-_MAX_BYTES = 2**20
+MOST_BYTES = 2**20
+"""Of the file of a calibration."""
 
 
-def refuse_huge(path: str | Path, most: int = _MAX_BYTES) -> None:
-    """Raise InputError for a file of more bytes than a calibration has; one that is not there is for its reader."""
-    try:
-        size = os.stat(path).st_size
-    except (OSError, ValueError):
-        return
-    if size > most:
-        raise InputError(path, f"has over {most >> 20} MB", "give a calibration of cameras")
-
-
-def read_short_text(path: str | Path, kind: str, most: int = _MAX_BYTES) -> str:
+def read_short_text(path: str | Path, kind: str, most: int = MOST_BYTES) -> str:
     """A file's text; ``kind`` says what it should be, for the remedy."""
-    refuse_huge(path, most)
     return read_text(path, f"give {kind}", missing=f"give {kind}", most=most)
 
 

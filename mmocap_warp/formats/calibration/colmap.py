@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.calibration.calibration_text import Sizes, read_short_text, stated_metres
 from mmocap_warp.whole_file import write_whole
 
@@ -108,10 +108,8 @@ def _lines(path: Path, points: bool = False) -> list[str]:
 
 
 def _numbers(words: list[str], where: str) -> list[float]:
-    try:
+    with input_errors(where, "{error}", _REMEDY, ValueError):
         values = [float(word) for word in words]
-    except ValueError as error:
-        raise InputError(where, str(error), _REMEDY) from None
     if not np.isfinite(values).all():
         raise InputError(where, "holds a number that is not finite", _REMEDY)
     return values

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.calibration.calibration_text import Sizes, read_short_text, stated_metres
 from mmocap_warp.formats.toml_table import is_number
 
@@ -49,12 +49,8 @@ def read_multical_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, 
 
 def _load(path: str | Path) -> dict[str, Any]:
     text = read_short_text(path, "a JSON file")
-    try:
+    with input_errors(path, "is not valid JSON: {error}", _REMEDY, ValueError, RecursionError):
         return _check_object(json.loads(text), "the file", path)
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"is not valid JSON: {error}", _REMEDY) from None
 
 
 def _read_lens(lens: Any, name: str, path: str | Path) -> Camera:

@@ -10,7 +10,7 @@ from defusedxml.ElementTree import fromstring
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import Sizes, refuse_huge
+from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES, Sizes
 from mmocap_warp.whole_file import read_bytes
 
 _SUBPIXELS = 64.0  # focal lengths and centres are written in 1/64 px; distortion coefficients are not scaled
@@ -25,8 +25,7 @@ def read_qualisys(path: str | Path, units: str | None = None, up: str = "+z", si
     The convention was checked against the board pictures of Pose2Sim's single-person demo:
     ``R = diag(1, -1, -1) [[r11 r12 r13] ..]`` and ``x_cam = R (X - position / 1000)``.
     """
-    refuse_huge(path)
-    data = read_bytes(path, "give a .qca.txt file")
+    data = read_bytes(path, "give a .qca.txt file", most=MOST_BYTES)
     try:
         root = fromstring(data)
     except (ParseError, DefusedXmlException, ValueError) as error:

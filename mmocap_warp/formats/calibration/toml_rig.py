@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import METRES, Camera, CameraRig, lens_of, rig_of
-from mmocap_warp.formats.calibration.calibration_text import Sizes, refuse_huge
+from mmocap_warp.formats.calibration.calibration_text import Sizes
 from mmocap_warp.formats.toml_table import Table, is_number, load_toml, quoted
 from mmocap_warp.whole_file import write_whole
 
@@ -44,7 +44,6 @@ def read_toml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]
 
 def _camera_tables(path: str | Path) -> tuple[Table, dict[str, Table]]:
     """The table that holds a table for each camera, and these: Caliscope's ``cameras``, or else the file itself."""
-    refuse_huge(path)
     file = load_toml(path)
     if isinstance(file.peek("cameras"), dict):
         file = file.take_table("cameras")

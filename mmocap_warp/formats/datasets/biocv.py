@@ -16,7 +16,6 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import refuse_huge
 from mmocap_warp.formats.datasets import dataset_scene
 from mmocap_warp.formats.datasets.dataset_scene import REMEDY, CameraFiles, DatasetScene, read_numbers
 from mmocap_warp.formats.motion.captured_points import read_c3d
@@ -60,7 +59,6 @@ def read_biocv(root: Path, trial: str) -> DatasetScene:
 
 
 def _read_camera(path: Path, name: str) -> Camera:
-    refuse_huge(path)
     numbers = dataset_scene.finite(read_numbers(path), (-1,), str(path), "it")
     if len(numbers) != _COUNT:
         raise InputError(path, f"holds {len(numbers)} numbers, not {_COUNT}: size, K, L, k0 to k4", REMEDY)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, rig_of
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.datasets import dataset_scene
 from mmocap_warp.formats.datasets.dataset_scene import REMEDY, CameraFiles, DatasetScene
 from mmocap_warp.result.truth import Truth
@@ -138,10 +138,8 @@ def _frames(columns: Iterable[Any], path: Path) -> list[np.ndarray]:
 
 def _points(values: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
     """Places of points [mm]; NaN where one is not known."""
-    try:
+    with input_errors(where, "is not three numbers for each moment", REMEDY, TypeError, ValueError):
         points = np.array(values, np.float64).reshape(shape)
-    except (TypeError, ValueError):
-        raise InputError(where, "is not three numbers for each moment", REMEDY) from None
     points[~np.isfinite(points).all(axis=-1)] = np.nan
     return points
 

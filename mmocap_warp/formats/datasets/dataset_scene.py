@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
+from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.sandbox import sandboxed
 from mmocap_warp.formats.toml_table import quoted
@@ -33,11 +34,9 @@ source = "recording"
 
 def read_numbers(path: str | Path) -> np.ndarray:
     """(n,) float64, all numbers of the file."""
-    text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
-    try:
+    text = read_text(path, REMEDY, missing=REMEDY, most=MOST_BYTES, encoding="ascii")
+    with input_errors(path, "{error}", REMEDY, ValueError):
         numbers = np.array([float(word) for word in text.split()])
-    except ValueError as error:
-        raise InputError(path, str(error), REMEDY) from None
     if not np.isfinite(numbers).all():
         raise InputError(path, "holds a number that is not finite", REMEDY)
     return numbers
@@ -84,10 +83,8 @@ class DatasetScene:
             Path of ``scene.toml``.
         """
         folder = Path(folder)
-        try:
+        with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from error
         write_toml_rig(folder / "calibration.toml", self.rig)
         if self.truth is not None:
             write_truth(folder / "truth.usdc", self.truth, self.rig.up)
@@ -151,10 +148,8 @@ def finite(value: object, shape: tuple[int, ...], where: str, what: str) -> np.n
 def read_json(path: Path, most: int) -> dict[str, Any]:
     """A file of at most so many bytes that holds one JSON object."""
     text = read_text(path, REMEDY, missing=REMEDY, most=most)
-    try:
+    with input_errors(path, "is not valid JSON ({error})", REMEDY, ValueError, RecursionError):
         content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"is not valid JSON ({error})", REMEDY) from None
     if not isinstance(content, dict):
         raise InputError(path, "is not a JSON object", REMEDY)
     return content

@@ -10,6 +10,7 @@ mean; SPIN's and PosePile's readers. They say that ``S1/Seq1`` holds
 - ``annot.mat``: ``annot3``, a cell for each camera with 28 joints a row [mm] in that camera's axes, and ``frames``.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,13 +47,11 @@ def read_3dhp(root: Path, subject: str, sequence: str) -> DatasetScene:
     rig = _read_rig(path, videos)
     _, fps, frames = dataset_scene.open_videos([videos[name] for name in rig.names])
     masks = [folder / "FGmasks" / videos[name].name for name in rig.names]
-    masked, notes = all(mask.is_file() for mask in masks), []
+    files, notes, masked = [CameraFiles(videos[name]) for name in rig.names], [], all(map(Path.is_file, masks))
     if masked:
-        pairs = zip(rig.names, masks, strict=True)
-        files = [CameraFiles(videos[name], mask, mask_channel="red") for name, mask in pairs]
+        files = [replace(file, masks=mask, mask_channel="red") for file, mask in zip(files, masks, strict=True)]
     else:
         notes.append(f"masks of some cameras are missing in {folder / 'FGmasks'}, so that they must be made")
-        files = [CameraFiles(videos[name]) for name in rig.names]
     truth, annotations = None, folder / "annot.mat"
     if annotations.is_file():
         truth = _read_truth(annotations, rig, fps, frames)

@@ -43,12 +43,10 @@ def with_rig(result: Result, rig: str) -> Result:
     Raises:
         ValueError: no such rig, or a body without a joint of it.
     """
-    names = rig_names(result.subject.body, rig)
-    subject, known = result.subject, RIGS[rig]
-    body = subject.body
+    subject, body = result.subject, result.subject.body
     # The body in the rig's rest pose, under the rig's names.
-    turn, rest = rest_pose(body, known)
-    skeleton = _rename_joints(body.skeleton, names)
+    skeleton = _rename_joints(body.skeleton, rig_names(body, rig))
+    turn, rest = rest_pose(body, RIGS[rig])
     rig_body = replace(
         body,
         skeleton=skeleton,
@@ -112,9 +110,8 @@ def rest_pose(body: BodyModel, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
         if parent < 0:
             continue
         rest[joint] = rest[parent] + turn[parent] @ (bind[joint] - bind[parent])
-        if name in rig.upright:
-            continue
-        turn[joint] = turn[parent]
+        if name not in rig.upright:
+            turn[joint] = turn[parent]
         if name in rig.bones:
             end, direction = rig.bones[name]
             bone = bind[skeleton.index(end)] - bind[joint]
@@ -132,8 +129,7 @@ def _smallest_rotation(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 def _skin_rest(body: BodyModel, turn: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """(vertex, 3) float32, the skin in the rig's rest pose."""
-    shift = rest - np.einsum("jab,jb->ja", turn, body.joint_rest)
-    skin = body.skin
+    skin, shift = body.skin, rest - np.einsum("jab,jb->ja", turn, body.joint_rest)
     moved = np.einsum("vkab,vb->vka", turn[skin.joint], skin.rest) + shift[skin.joint]
     return np.einsum("vk,vka->va", skin.weight, moved).astype(np.float32)
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from mmocap_warp.biomechanics.measure_all import measure
 from mmocap_warp.body.joint_sets import RIG, JointSet
 from mmocap_warp.body.model import Subject, bind_transforms, joint_transforms
 from mmocap_warp.body.posing import skin_positions
@@ -50,11 +51,10 @@ def _columns(result: Result, joint_set: JointSet | None) -> dict[str, list]:
     skeleton = tracks.subject.body.skeleton
     values = np.where(skeleton.is_length, tracks.pose, np.degrees(tracks.pose))[:, TRANSLATION:]
     units = np.where(skeleton.is_length, "m", "deg")[TRANSLATION:]
-    coordinates = skeleton.coordinate_names[TRANSLATION:]
     columns = {"frame": tracks.number.tolist(), "time_s": tracks.time.tolist(), "status": list(tracks.status)}
     for i, name in enumerate(names):
         columns |= {f"{name}.{axis}_m": points[:, i, k].tolist() for k, axis in enumerate("xyz")}
-    own = zip(coordinates, units, values.T, strict=True)
+    own = zip(skeleton.coordinate_names[TRANSLATION:], units, values.T, strict=True)
     return columns | {f"{name}_{unit}": value.tolist() for name, unit, value in own}
 
 
@@ -81,23 +81,27 @@ def write_trc(result: Result, path: Path, joint_set: JointSet | None = None) -> 
     write_whole(path, "".join("\t".join(row) + "\n" for row in rows).encode())
 
 
-def write_mot(result: Result, path: Path) -> None:
+def write_mot(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write OpenSim's motion of a result, which is Y up: angles to 1e-6 degrees, the root's place to 1e-6 m.
 
-    The angles are this body's own: joint ``j`` turns by ``Rz @ Ry @ Rx`` from its bind pose in the axes of its frame.
-    At zero, the root stands with its left along x, upright along y and facing along z, so that the file alone says how
-    the body stands in the world. They are no angles of an OpenSim model: these come out of OpenSim's inverse
-    kinematics, from the ``.trc``. Times are the recording's.
+    By a joint set, the angles are those that ``measure`` takes by its centres. Else they are this body's own: joint
+    ``j`` turns by ``Rz @ Ry @ Rx`` from its bind pose in the axes of its frame. At zero, the root stands with its left
+    along x, upright along y and facing along z, so that the file alone says how the body stands in the world. Those of
+    an OpenSim model come out of its inverse kinematics, from the ``.trc``. Times are the recording's.
     """
-    tracks = best_run_tracks(result)
-    names = [name.replace(".", "_") for name in tracks.subject.body.skeleton.coordinate_names]
-    # The root's angles begin at the world's axes here, and in the result at the subject's heading.
-    pose = tracks.pose.copy()
-    pose[:, ROOT_ANGLES] = steady_angles(tracks.bind[0, :3, :3].T @ tracks.world[:, 0, :3, :3])
-    pose = np.where(tracks.subject.body.skeleton.is_length, pose, np.degrees(pose))
-    header = [path.stem, "version=1", f"nRows={len(pose)}", f"nColumns={1 + len(names)}", "inDegrees=yes", "endheader"]
-    rows = ["\t".join(f"{value:.6f}" for value in row) for row in np.column_stack([tracks.time, pose])]
-    write_whole(path, "\n".join([*header, "\t".join(["time", *names]), *rows, ""]).encode())
+    tracks, skeleton = best_run_tracks(result), result.subject.body.skeleton
+    if joint_set is None:
+        # The root's angles begin at the world's axes here, and in the result at the subject's heading.
+        pose = tracks.pose.copy()
+        pose[:, ROOT_ANGLES] = steady_angles(tracks.bind[0, :3, :3].T @ tracks.world[:, 0, :3, :3])
+        names, values = skeleton.coordinate_names, np.where(skeleton.is_length, pose, np.degrees(pose)).T
+    else:
+        angles = measure(evenly(result), result.best_run, joint_set=joint_set).shown.angles
+        own = [(f"{joint}_{name}", each) for joint, by_name in angles.items() for name, each in by_name.items()]
+        names, values = zip(*own, strict=True)
+    rows = ["\t".join(f"{value:.6f}" for value in row) for row in np.column_stack([tracks.time, *values])]
+    head = [path.stem, "version=1", f"nRows={len(rows)}", f"nColumns={1 + len(names)}", "inDegrees=yes", "endheader"]
+    write_whole(path, "\n".join([*head, "\t".join(["time", *names]).replace(".", "_"), *rows, ""]).encode())
 
 
 def write_c3d(result: Result, path: Path, joint_set: JointSet | None = None) -> None:

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
-from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of, refuse_huge
+from mmocap_warp.errors import InputError, input_errors
+from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of
 from mmocap_warp.formats.datasets.dataset_scene import REMEDY, read_numbers
 from mmocap_warp.whole_file import read_text
 
@@ -19,10 +19,8 @@ def read_measures(path: str | Path) -> dict[str, float]:
     """Vicon's measures of a subject [mm, degrees] by name, from lines such as ``$LKneeWidth = 105.0``."""
     text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
     lines = re.findall(r"^\s*\$(\w+)\s*=\s*([-+.\deE]+)\s*$", text, re.M)
-    try:
+    with input_errors(path, "{error}", REMEDY, ValueError):
         return {name: float(value) for name, value in lines}
-    except ValueError as error:
-        raise InputError(path, str(error), REMEDY) from None
 
 
 _COUNT = 22
@@ -37,7 +35,6 @@ def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
     the same order, and he too counts pixel centres from 0. Some files go on with the rotation as a Rodrigues vector,
     which says nothing new. No file says the ``size`` of the images, width and height [px].
     """
-    refuse_huge(path)
     numbers = read_numbers(path)
     if len(numbers) < _COUNT:
         raise InputError(path, f"holds {len(numbers)} numbers of {_COUNT}", REMEDY)

@@ -3,24 +3,15 @@
 See docs/sequences.md for what is read, and for what had to be assumed.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, rig_of
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.datasets.dataset_scene import CameraFiles, DatasetScene
-from mmocap_warp.formats.humaneva import vicon_points
-from mmocap_warp.formats.humaneva.humaneva_files import (
-    REMEDY,
-    Synchronisation,
-    read_cal,
-    read_measures,
-    read_ofs,
-    synchronise,
-)
+from mmocap_warp.formats.humaneva import humaneva_files, vicon_points
 from mmocap_warp.formats.motion.captured_points import read_c3d
 from mmocap_warp.masks.frames import Frames, as_colour, open_frames
 from mmocap_warp.result.truth import Truth
@@ -60,36 +51,7 @@ and Box.
 """
 
 
-@dataclass(frozen=True)
-class HumanEvaSequence:
-    """A sequence, ready to be written as a scene. Frame 0 of the scene is frame ``first`` of HumanEva's own numbers."""
-
-    subject: str  # as in ``SEQUENCES``
-    action: str  # likewise
-    rig: CameraRig  # the seven cameras as calibrated, in metres, with distortion
-    videos: tuple[Frames, ...]  # one per camera
-    backgrounds: tuple[Frames, ...]  # per camera the clip of the empty room that fits best
-    sync: Synchronisation  # where frames lie in the streams
-    first: int  # the first frame, counted from 1 as HumanEva does
-    count: int  # number of frames
-    truth: Truth  # markers and joints, frame 0 being ``first``; NaN in frames that HumanEva calls invalid
-    no_joints: str  # why the truth has no joints; empty where it has
-
-    @property
-    def frame_offsets(self) -> tuple[int, ...]:
-        """Per camera: scene frame ``f`` is image ``f + offset`` of its video, both counted from 0."""
-        return tuple(int(start) + self.first - 2 for start in self.sync.start)
-
-    @property
-    def starts_as_published(self) -> bool:
-        """Whether the colour videos start where others who used the data found it, to a frame."""
-        _, published = SEQUENCES[self.subject, self.action]
-        return bool((np.abs(self.sync.start[: len(published)] - np.array(published)) <= 1).all())
-
-
-def read_sequence(
-    root: str | Path, subject: str, action: str, first: int = FIRST_FRAME, last: int | None = None
-) -> HumanEvaSequence:
+def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: str = "") -> DatasetScene:
     """Read trial 1 of a sequence.
 
     Args:
@@ -101,26 +63,48 @@ def read_sequence(
     Raises:
         InputError: an unknown sequence or range, or whatever is missing or wrong in the data.
     """
+    name = f"{subject} {action}"
     if (subject, action) not in SEQUENCES:
         subjects, actions = (", ".join(dict.fromkeys(names)) for names in zip(*SEQUENCES, strict=True))
         problem = "is no sequence with both video and public motion capture"
-        raise InputError(f"{subject} {action}", problem, f"give one of {subjects} and one of {actions}")
-    last = SEQUENCES[subject, action][0] if last is None else last
-    if not 1 <= first <= last:
-        remedy = "count from 1, first to last"
-        raise InputError(f"{subject} {action}", f"frames {first} to {last} are not a range", remedy)
-    root = Path(root)
+        raise InputError(name, problem, f"give one of {subjects} and one of {actions}")
+    for number in (first, last):
+        if number and not number.isdecimal():
+            raise InputError(name, f"{number!r} is not the number of a frame", "give whole numbers")
+    listed, published = SEQUENCES[subject, action]
+    begin, end = int(first or FIRST_FRAME), int(last or listed)
+    if not 1 <= begin <= end:
+        raise InputError(name, f"frames {begin} to {end} are not a range", "count from 1, first to last")
     trial = f"{action}_{_TRIAL}"
     data = _find_entry(root, subject, f"name the folder that holds {subject} and Background")
-    videos = tuple(_open_video(_find_entry(data, "Image_Data"), f"{trial}_({camera})") for camera in CAMERAS)
+    videos = [_open_video(_find_entry(data, "Image_Data"), f"{trial}_({camera})") for camera in CAMERAS]
     rig = _read_rig(_find_entry(data, "Calibration_Data"), videos)
     sync_data = _find_entry(data, "Sync_Data")
-    sync = synchronise([read_ofs(_find_entry(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS])
-    _check_range(videos, sync, last)
-    truth, no_joints = _read_truth(_find_entry(data, "Mocap_Data"), subject, trial, sync, np.arange(first, last + 1))
+    sync = humaneva_files.synchronise(
+        [humaneva_files.read_ofs(_find_entry(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS]
+    )
+    _check_range(videos, sync, end)
+    truth, no_joints = _read_truth(_find_entry(data, "Mocap_Data"), subject, trial, sync, np.arange(begin, end + 1))
     empty_room = _find_entry(root, "Background")
-    backgrounds = tuple(_find_background(empty_room, *each) for each in zip(CAMERAS, videos, strict=True))
-    return HumanEvaSequence(subject, action, rig, videos, backgrounds, sync, first, last - first + 1, truth, no_joints)
+    cameras = [
+        CameraFiles(video.path, background=_find_background(empty_room, camera, video).path, frame_offset=offset)
+        for camera, video, offset in zip(CAMERAS, videos, (sync.start + begin - 2).tolist(), strict=True)
+    ]
+    # What is odd in the data but may be so.
+    notes, starts = [], sync.start[: len(published)]
+    if (np.abs(starts - published) > 1).any():
+        notes.append(
+            f"videos C1, C2, C3 start at their frames {', '.join(map(str, starts))}, others who use the data found "
+            "other ones; has its Critical_Update_OFS_files been applied?"
+        )
+    if no_joints:
+        notes.append(f"the truth has markers but no joints: {no_joints}")
+    about = (
+        f"HumanEva-I, {name}, trial 1, written by mmocap dataset.",
+        f"Frame 0 is frame {begin} of HumanEva's own numbers.",
+    )
+    frames = end - begin + 1
+    return DatasetScene(about, name, rig, FPS, frames, tuple(cameras), truth, tuple(notes), _FOREGROUND)
 
 
 def _entries(folder: Path) -> dict[str, Path]:
@@ -130,7 +114,7 @@ def _entries(folder: Path) -> dict[str, Path]:
     return {entry.name.lower(): entry for entry in folder.iterdir()}
 
 
-def _find_entry(folder: Path, name: str, remedy: str = REMEDY) -> Path:
+def _find_entry(folder: Path, name: str, remedy: str = humaneva_files.REMEDY) -> Path:
     entry = _entries(folder).get(name.lower())
     if entry is None:
         raise InputError(folder, f"holds no {name}", remedy)
@@ -146,29 +130,31 @@ def _images(folder: Path, name: str) -> Path | None:
 def _open_video(folder: Path, name: str) -> Frames:
     path = _images(folder, name)
     if path is None:
-        raise InputError(folder, f"holds no {name}.avi and no folder {name}", REMEDY)
+        raise InputError(folder, f"holds no {name}.avi and no folder {name}", humaneva_files.REMEDY)
     return open_frames(path)
 
 
-def _read_rig(folder: Path, videos: tuple[Frames, ...]) -> CameraRig:
+def _read_rig(folder: Path, videos: Sequence[Frames]) -> CameraRig:
     pairs = zip(CAMERAS, videos, strict=True)
-    cameras = [read_cal(_find_entry(folder, f"{name}.cal"), name, video.size) for name, video in pairs]
+    cameras = [humaneva_files.read_cal(_find_entry(folder, f"{name}.cal"), name, video.size) for name, video in pairs]
     try:
         return rig_of(cameras, "+z", folder)
     except InputError as error:  # whose remedy is for calibrations that the user made
-        raise InputError(error.source, error.problem, REMEDY) from None
+        raise InputError(error.source, error.problem, humaneva_files.REMEDY) from None
 
 
-def _check_range(videos: tuple[Frames, ...], sync: Synchronisation, last: int) -> None:
+def _check_range(videos: Sequence[Frames], sync: humaneva_files.Synchronisation, last: int) -> None:
     ends = [len(video) - int(start) + 1 for video, start in zip(videos, sync.start, strict=True)]
     for video, end in zip(videos, ends, strict=True):
         if end < last:
             problem = f"has {len(video)} frames, so it ends with the sequence's frame {end}, not {last}"
-            remedy = f"copy it again, or give --last {min(ends)}" if min(ends) > 0 else "copy it and its .ofs again"
+            remedy = f"copy it again, or give {min(ends)} as LAST" if min(ends) > 0 else "copy it and its .ofs again"
             raise InputError(video.path, problem, remedy)
 
 
-def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, frames: np.ndarray) -> tuple[Truth, str]:
+def _read_truth(
+    folder: Path, subject: str, trial: str, sync: humaneva_files.Synchronisation, frames: np.ndarray
+) -> tuple[Truth, str]:
     """The truth, and why it has no joints."""
     path = _find_entry(folder, f"{trial}.c3d")
     tracks = read_c3d(path)
@@ -186,39 +172,37 @@ def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, f
         raise InputError(path, problem, "choose other frames, or check that .c3d and .ofs belong together")
     names, joints, why = vicon_points.JOINT_NAMES, np.zeros((len(frames), 0, 3)), ""
     try:
-        joints = vicon_points.joint_positions(tracks, position, _read_measures(folder, subject))
+        joints = vicon_points.joint_positions(tracks, position, *_read_measures(folder, subject))
     except vicon_points.MissingPointError as error:
         names, why = (), f"{path.name} {error}"
     joints = np.where(valid[:, None, None], joints, np.nan)
     return Truth(FPS, frames - frames[0], vicon_points.MARKERS, markers, names, joints), why
 
 
-def _read_measures(folder: Path, subject: str) -> vicon_points.SubjectMeasures:
+def _read_measures(folder: Path, subject: str) -> tuple[float, list[float]]:
+    """The radius of the torso, and the offsets of both shoulders [m]."""
     path, static = _find_entry(folder, f"{subject}.mp"), _find_entry(folder, "Static.c3d")
-    measures = read_measures(path)
+    measures = humaneva_files.read_measures(path)
     offsets = [f"{side}ShoulderOffset" for side in "LR"]
     for name in offsets:
         if name not in measures:
-            raise InputError(path, f"has no line ${name} = ...", REMEDY)
-    try:
+            raise InputError(path, f"has no line ${name} = ...", humaneva_files.REMEDY)
+    with input_errors(static, "{error}", humaneva_files.REMEDY, vicon_points.MissingPointError):
         radius = vicon_points.torso_radius(read_c3d(static))
-    except vicon_points.MissingPointError as error:
-        raise InputError(static, str(error), REMEDY) from None
     if not np.isfinite(radius):
-        raise InputError(static, "never shows LSHO and RSHO together", REMEDY)
-    left, right = (measures[name] / 1000 for name in offsets)
-    return vicon_points.SubjectMeasures(radius, (left, right))
+        raise InputError(static, "never shows LSHO and RSHO together", humaneva_files.REMEDY)
+    return radius, [measures[name] / 1000 for name in offsets]
 
 
 def _find_background(folder: Path, camera: str, video: Frames) -> Frames:
     names = [f"Background_{clip}_({camera})" for clip in _CLIPS]
     clips = [open_frames(path) for name in names if (path := _images(folder, name)) is not None]
     if not clips:
-        raise InputError(folder, f"holds none of {', '.join(names)} (.avi)", REMEDY)
+        raise InputError(folder, f"holds none of {', '.join(names)} (.avi)", humaneva_files.REMEDY)
     for clip in clips:
         if clip.size != video.size:
             actual, wanted = ("{}x{}".format(*frames.size) for frames in (clip, video))
-            raise InputError(clip.path, f"is {actual}, the camera's video is {wanted}", REMEDY)
+            raise InputError(clip.path, f"is {actual}, the camera's video is {wanted}", humaneva_files.REMEDY)
     return clips[nearest_background(video, clips)]
 
 
@@ -255,44 +239,3 @@ min_area = 120.0
 keep = "largest"
 join = 20.0
 """
-
-
-def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: str = "") -> DatasetScene:
-    """A sequence as a scene: all of its frames, or those of HumanEva's own numbers."""
-    for number in (first, last):
-        if number and not number.isdecimal():
-            raise InputError(f"{subject} {action}", f"{number!r} is not the number of a frame", "give whole numbers")
-    chosen = int(first) if first else FIRST_FRAME
-    return as_scene(read_sequence(root, subject, action, chosen, int(last) if last else None))
-
-
-def as_scene(sequence: HumanEvaSequence) -> DatasetScene:
-    """The scene of a sequence, which names the user's videos."""
-    about = (
-        f"HumanEva-I, {sequence.subject} {sequence.action}, trial 1, written by mmocap humaneva.",
-        f"Frame 0 is frame {sequence.first} of HumanEva's own numbers.",
-    )
-    files = zip(sequence.videos, sequence.backgrounds, sequence.frame_offsets, strict=True)
-    return DatasetScene(
-        about,
-        f"{sequence.subject} {sequence.action}",
-        sequence.rig,
-        FPS,
-        sequence.count,
-        tuple(CameraFiles(video.path, None, background.path, offset) for video, background, offset in files),
-        sequence.truth,
-        tuple(_oddities(sequence)),
-        _FOREGROUND,
-    )
-
-
-def _oddities(sequence: HumanEvaSequence) -> Iterator[str]:
-    """What is odd in the data but may be so."""
-    if not sequence.starts_as_published:
-        starts = ", ".join(str(start) for start in sequence.sync.start[:3])
-        yield (
-            f"videos C1, C2, C3 start at their frames {starts}, others who use the data found other ones; "
-            "has its Critical_Update_OFS_files been applied?"
-        )
-    if sequence.no_joints:
-        yield f"the truth has markers but no joints: {sequence.no_joints}"

@@ -14,7 +14,7 @@ Where two limbs meet, HumanEva gives an end of each, and at the thorax and the e
 mean.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -77,14 +77,6 @@ _HEAD_LENGTH = 0.316103  # [m]
 _MARKER_RADIUS = 0.007  # [m]
 
 
-@dataclass(frozen=True)
-class SubjectMeasures:
-    """What of a subject's size enters the joints."""
-
-    torso_radius: float  # [m]
-    shoulder_offset: tuple[float, float]  # between a shoulder's marker and its joint, left and right [m]
-
-
 def torso_radius(static: PointTracks) -> float:
     """Half the mean distance of the shoulders' markers in the static trial less a marker's radius [m], or NaN."""
     left, right = np.moveaxis(point_positions(static, "LSHO", "RSHO"), 1, 0)
@@ -93,8 +85,13 @@ def torso_radius(static: PointTracks) -> float:
     return float(seen.mean()) / 2 - _MARKER_RADIUS if len(seen) else np.nan
 
 
-def joint_positions(tracks: PointTracks, position: np.ndarray, subject: SubjectMeasures) -> np.ndarray:
-    """(time, 15, 3) positions of ``JOINT_NAMES`` at fractional frames counted from 0 [m]; NaN where not known."""
+def joint_positions(
+    tracks: PointTracks, position: np.ndarray, radius: float, shoulder_offsets: Sequence[float]
+) -> np.ndarray:
+    """(time, 15, 3) positions of ``JOINT_NAMES`` at fractional frames counted from 0 [m]; NaN where not known.
+
+    Of the subject these are the torso's radius, and how far a shoulder's joint is from its marker, left and right [m].
+    """
     turn = partial(_rotation, tracks, position)
 
     def point(name: str) -> np.ndarray:
@@ -102,7 +99,7 @@ def joint_positions(tracks: PointTracks, position: np.ndarray, subject: SubjectM
 
     pelvis, thorax = point("PELO"), point("TRXO")
     trunk = np.linalg.norm(thorax - pelvis, axis=1)
-    lean = np.arctan2(subject.torso_radius / 2, trunk)
+    lean = np.arctan2(radius / 2, trunk)
     root = pelvis + turn("PEL") @ [-_PELVIS_BACK, 0.0, 0.0]
     trunk_top = root + _segment_vector(turn("PEL"), trunk, lean)
     joints = {
@@ -110,7 +107,7 @@ def joint_positions(tracks: PointTracks, position: np.ndarray, subject: SubjectM
         "Neck": (trunk_top + thorax) / 2,
         "HeadTop": thorax + turn("HED") @ [0.0, 0.0, _HEAD_LENGTH],
     }
-    for side, offset in zip("LR", subject.shoulder_offset, strict=True):
+    for side, offset in zip("LR", shoulder_offsets, strict=True):
         shoulder, elbow, wrist = (point(side + name) for name in ("CLO", "HUO", "RAO"))
         arm = _arm(shoulder, elbow, wrist, turn(f"{side}HU"), turn(f"{side}RA"), offset)
         leg = (point(side + name) for name in ("FEP", "FEO", "TIO"))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.errors import InputError, missing_package
+from mmocap_warp.errors import InputError, input_errors, missing_package
 from mmocap_warp.formats.sandbox import sandboxed
 from mmocap_warp.result.other_world import axes_turn
 from mmocap_warp.whole_file import read_text
@@ -60,10 +60,8 @@ def _row(line: str, number: int, points: int, path: str | Path) -> list[float]:
     """Frame number and coordinates; an empty cell is a missing point."""
     cells = line.rstrip("\r\n").split("\t")
     cells = [*cells, *[""] * (2 + 3 * points - len(cells))][: 2 + 3 * points]
-    try:
+    with input_errors(f"{path}: line {number}", "holds a cell that is not a number", "export it again", ValueError):
         return [float(cells[0]), *(float(cell) if cell.strip() else np.nan for cell in cells[2:])]
-    except ValueError:
-        raise InputError(f"{path}: line {number}", "holds a cell that is not a number", "export it again") from None
 
 
 @sandboxed

@@ -8,7 +8,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from mmocap_warp.body.rotations import applied, turn
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.whole_file import read_text
 
 
@@ -120,10 +120,8 @@ def read_bvh(path: str | Path) -> MotionClip:
     words.expect("Frame", "Time:")
     interval = words.number()
     columns = joints[-1].first_column + len(joints[-1].channels)
-    try:
+    with input_errors(path, "holds a frame that is not numbers ({error})", _REMEDY, ValueError):
         values = np.array(words.rest(), float)
-    except ValueError as error:
-        raise InputError(path, f"holds a frame that is not numbers ({error})", _REMEDY) from None
     sound = frames >= 1 and _MIN_INTERVAL <= interval <= _MAX_INTERVAL and len(values) == frames * columns
     if not sound or not np.isfinite(values).all():
         problem = f"says {frames} frames of {columns} values every {interval:g} s, and holds {len(values)} values"

@@ -11,15 +11,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import (
-    RiggedMesh,
-    RiggedMotion,
-    Skin,
-    chosen_character,
-    joined_parts,
-    parents_first,
-    reorder,
-)
+from mmocap_warp.formats.rigged import rigged_mesh
 from mmocap_warp.whole_file import read_bytes
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -31,7 +23,7 @@ _READABLE = re.compile(r"(KHR|EXT|MSFT|VRMC?)_(materials|texture|lights|springBo
 _REMEDY = "export it again as glTF 2.0 with its skin, without compression"
 
 
-def read_gltf(path: str | Path, character: str | None = None) -> RiggedMesh:
+def read_gltf(path: str | Path, character: str | None = None) -> rigged_mesh.RiggedMesh:
     """Read a skinned character with its animations; of several the one of that name."""
     path = Path(path)
     try:
@@ -123,7 +115,7 @@ def _index(number: int) -> int:
     return number
 
 
-def _read_character(document: _Document, path: Path, character: str | None) -> RiggedMesh:
+def _read_character(document: _Document, path: Path, character: str | None) -> rigged_mesh.RiggedMesh:
     nodes, skins = document.list("nodes"), document.list("skins")
     skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
     moved = {each["target"].get("node") for one in document.list("animations") for each in one["channels"]}
@@ -134,7 +126,7 @@ def _read_character(document: _Document, path: Path, character: str | None) -> R
     for number, node in enumerate(nodes):
         for child in node.get("children", []):
             above[_index(child)] = number
-    parents_first(above)  # raises where nodes hang on each other in a circle
+    rigged_mesh.parents_first(above)  # raises where nodes hang on each other in a circle
     skinned = _of_one_character(document, skinned, above, character, path) if skinned else []
     of_skins = (_index(joint) for _, node in skinned for joint in skins[_index(node["skin"])]["joints"])
     # Where nothing has a skin, nodes that move and those with a mesh are the joints.
@@ -142,10 +134,10 @@ def _read_character(document: _Document, path: Path, character: str | None) -> R
     joints = list(dict.fromkeys(of_skins)) or whole
     joint_of = {node: joint for joint, node in enumerate(joints)}
     parent = [_nearest_above(node, above, joint_of) for node in joints]
-    order = parents_first(parent)
+    order = rigged_mesh.parents_first(parent)
     rest = _world_transforms(np.stack([_local_transforms(node, {}) for node in nodes], axis=1), above)[0]
     # The skin, each part brought from the space in which it is bound to the scene's.
-    parts: list[Skin] = []
+    parts: list[rigged_mesh.Skin] = []
     bind: dict[int, np.ndarray] = {}
     scene_of_skin: dict[int, np.ndarray] = {}
     for number, node in skinned:
@@ -171,17 +163,17 @@ def _read_character(document: _Document, path: Path, character: str | None) -> R
             notes.append(
                 f"mesh {node.get('name') or number} has no skin: it follows {nodes[joints[joint]].get('name')}"
             )
-    mesh = RiggedMesh(
+    mesh = rigged_mesh.RiggedMesh(
         name=str((skinned[0][1] if skinned else {}).get("name") or path.stem),
         joints=tuple(str(nodes[node].get("name") or f"joint{node}") for node in joints),
         parent=tuple(parent),
         bind=np.stack([bind[node] for node in joints]),
-        **joined_parts(parts)._asdict(),
+        **rigged_mesh.joined_parts(parts)._asdict(),
         motions=motions,
         attribution=str(document.json.get("asset", {}).get("copyright", "")),
         notes=tuple(notes),
     )
-    return reorder(mesh, order)
+    return rigged_mesh.reorder(mesh, order)
 
 
 def _of_one_character(
@@ -201,7 +193,7 @@ def _of_one_character(
     for each, own in zip(skinned, skins, strict=True):
         of_character.setdefault(int(number[own[0]]), []).append(each)
     names = [tuple(str(node.get("name") or place) for place, node in some) for some in of_character.values()]
-    return list(of_character.values())[chosen_character(names, named, path)]
+    return list(of_character.values())[rigged_mesh.chosen_character(names, named, path)]
 
 
 def _bind_transforms(document: _Document, skin: dict[str, Any]) -> dict[int, np.ndarray]:
@@ -224,14 +216,14 @@ def _nearest_above(node: int, above: list[int], joint_of: dict[int, int], *, inc
     return joint_of.get(node, -1)
 
 
-def _read_mesh(document: _Document, number: int, joints: list[int] | int, scene: np.ndarray) -> list[Skin]:
+def _read_mesh(document: _Document, number: int, joints: list[int] | int, scene: np.ndarray) -> list[rigged_mesh.Skin]:
     """A mesh's parts, brought into the scene, which follow the joints of a skin, or all one joint."""
     primitives = document.list("meshes")[_index(number)]["primitives"]
     parts = [_read_primitive(document, primitive, joints) for primitive in primitives]
     return [part._replace(vertex=part.vertex @ scene[:3, :3].T + scene[:3, 3]) for part in parts]
 
 
-def _read_primitive(document: _Document, primitive: dict[str, Any], joints: list[int] | int) -> Skin:
+def _read_primitive(document: _Document, primitive: dict[str, Any], joints: list[int] | int) -> rigged_mesh.Skin:
     """A part of a mesh, which follows the joints of a skin with these numbers, or all one joint."""
     if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
         raise ValueError("a mesh is not of triangles")
@@ -251,7 +243,7 @@ def _read_primitive(document: _Document, primitive: dict[str, Any], joints: list
         raise ValueError("a mesh's vertices and weights do not fit together, or are not finite")
     if len(face) and face.max() >= len(vertex):
         raise ValueError("a triangle names a vertex that does not exist")
-    return Skin(vertex, face, np.array(joints)[np.where(weight > 0, joint, 0)], weight)
+    return rigged_mesh.Skin(vertex, face, np.array(joints)[np.where(weight > 0, joint, 0)], weight)
 
 
 def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np.ndarray:
@@ -294,12 +286,12 @@ _PARTS = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)
 
 def _node_motions(
     document: _Document, nodes: list[dict[str, Any]], above: list[int], joints: list[int]
-) -> tuple[dict[str, RiggedMotion], list[str]]:
+) -> tuple[dict[str, rigged_mesh.RiggedMotion], list[str]]:
     """Each animation that moves joints, by its name, and notes on those that are too long to be read.
 
     An animation without keys is left out, and so are those of other characters.
     """
-    motions: dict[str, RiggedMotion] = {}
+    motions: dict[str, rigged_mesh.RiggedMotion] = {}
     notes, moving = [], set(joints)
     for joint in joints:
         while (joint := above[joint]) >= 0:
@@ -326,7 +318,7 @@ def _node_motions(
         local = np.zeros((len(when), len(nodes), 4, 4))
         for each, node in enumerate(nodes):
             local[:, each] = _local_transforms(node, moved.get(each, {}))
-        motions[name] = RiggedMotion(_FPS, _world_transforms(local, above)[:, joints])
+        motions[name] = rigged_mesh.RiggedMotion(_FPS, _world_transforms(local, above)[:, joints])
     return motions, notes
 
 
@@ -364,7 +356,7 @@ def _local_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.
 
 def _world_transforms(local: np.ndarray, above: list[int]) -> np.ndarray:
     """(frame, node, 4, 4): transforms relative to the node above, multiplied in place from the roots outwards."""
-    for node in parents_first(above):
+    for node in rigged_mesh.parents_first(above):
         if above[node] >= 0:
             local[:, node] = local[:, above[node]] @ local[:, node]
     return local

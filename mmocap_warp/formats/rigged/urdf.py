@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.rigged.part_meshes import part_mesh
 from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, joined_parts
 from mmocap_warp.whole_file import read_bytes
@@ -27,12 +27,9 @@ def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
     """
     path = Path(path)
     folder = Path(meshes) if meshes is not None else path.parent
-    try:
+    kinds = ValueError, TypeError, KeyError, IndexError, RecursionError
+    with input_errors(path, "is damaged, or no URDF ({error})", _REMEDY, *kinds):
         return _read_robot(_parse_xml(path), path, folder)
-    except InputError:
-        raise
-    except (ValueError, TypeError, KeyError, IndexError, RecursionError) as error:
-        raise InputError(path, f"is damaged, or no URDF ({error})", _REMEDY) from None
 
 
 class _Joint(NamedTuple):

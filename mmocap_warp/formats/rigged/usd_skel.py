@@ -5,16 +5,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
-from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import (
-    JointAxis,
-    RiggedMesh,
-    RiggedMotion,
-    Skin,
-    chosen_character,
-    joined_parts,
-    reorder,
-)
+from mmocap_warp.errors import InputError, input_errors
+from mmocap_warp.formats.rigged import rigged_mesh
 from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd
 
 _REMEDY = "export the character with its UsdSkel skeleton and skin"
@@ -25,7 +17,7 @@ _UPRIGHT = np.array([(1.0, 0, 0, 0), (0, 0, -1, 0), (0, 1, 0, 0), (0, 0, 0, 1)])
 
 
 @reads_usd
-def read_usd_skel(path: str | Path, character: str | None = None) -> RiggedMesh:
+def read_usd_skel(path: str | Path, character: str | None = None) -> rigged_mesh.RiggedMesh:
     """Read a skeleton with its skin and animation; of several that of a name, which is its own or that above it.
 
     A ``PhysicsRevoluteJoint`` or ``PhysicsPrismaticJoint`` named like a joint of the skeleton gives that joint's axis
@@ -42,14 +34,14 @@ def read_usd_skel(path: str | Path, character: str | None = None) -> RiggedMesh:
     if not bound:
         raise InputError(path, "holds no mesh that is bound to a UsdSkel skeleton", _REMEDY)
     names = [(place.split("/")[-2] or place[1:], place.split("/")[-1], place) for place in bound]
-    chosen = list(bound)[chosen_character(names, character, path)]
-    try:
+    chosen = list(bound)[rigged_mesh.chosen_character(names, character, path)]
+    with input_errors(path, "its skeleton or skin is not whole ({error})", _REMEDY, ValueError, IndexError, TypeError):
         return _read_character(stage, UsdSkel.Skeleton.Get(stage, chosen), bound[chosen], path)
-    except (ValueError, IndexError, TypeError) as error:
-        raise InputError(path, f"its skeleton or skin is not whole ({error})", _REMEDY) from None
 
 
-def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeom.Mesh], path: Path) -> RiggedMesh:
+def _read_character(
+    stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeom.Mesh], path: Path
+) -> rigged_mesh.RiggedMesh:
     # The joints, parents first, and where they are bound.
     paths = [str(joint) for joint in skeleton.GetJointsAttr().Get() or ()]
     number = {name: joint for joint, name in enumerate(paths)}
@@ -81,15 +73,15 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
     for mesh in meshes:
         points, triangles = _read_mesh(mesh)
         points = points @ placed[:3, :3].T + placed[:3, 3]
-        parts.append(Skin(points, triangles, *_read_weights(mesh, number, len(points))))
+        parts.append(rigged_mesh.Skin(points, triangles, *_read_weights(mesh, number, len(points))))
     stated = (prim.GetAttribute(_ATTRIBUTION) for prim in stage.Traverse() if prim.HasAttribute(_ATTRIBUTION))
     attributions = (str(attribute.Get()) for attribute in stated)
-    mesh = RiggedMesh(
+    mesh = rigged_mesh.RiggedMesh(
         name=str(meshes[0].GetPrim().GetName()),
         joints=names,
         parent=tuple(parent),
         bind=bind,
-        **joined_parts(parts)._asdict(),
+        **rigged_mesh.joined_parts(parts)._asdict(),
         up=up,
         facing="+z" if up == "+y" else "-y",
         metres=float(UsdGeom.GetStageMetersPerUnit(stage)),
@@ -97,7 +89,7 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
         motions=_read_motions(stage, skeleton),
         attribution=next(attributions, ""),
     )
-    return reorder(mesh)
+    return rigged_mesh.reorder(mesh)
 
 
 def _read_mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -138,7 +130,7 @@ def _read_weights(mesh: UsdGeom.Mesh, number: dict[str, int], points: int) -> tu
     return np.array([number[name] for name in names])[joint], share
 
 
-def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton) -> dict[str, RiggedMotion]:
+def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton) -> dict[str, rigged_mesh.RiggedMotion]:
     """The bound animation, if it has more than one time; a frame for each time code."""
     source = UsdSkel.BindingAPI(skeleton).GetInheritedAnimationSource()
     if not source or not source.IsA(UsdSkel.Animation):
@@ -155,10 +147,10 @@ def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton) -> dict[str, Rig
     placed = [UsdGeom.XformCache(Usd.TimeCode(time)).GetLocalToWorldTransform(prim) for time in frames]
     world = in_skeleton @ np.array(placed, float)[:, None]  # of row vectors
     fps = float(stage.GetTimeCodesPerSecond())
-    return {str(source.GetName()): RiggedMotion(fps, world.swapaxes(-1, -2))}
+    return {str(source.GetName()): rigged_mesh.RiggedMotion(fps, world.swapaxes(-1, -2))}
 
 
-def _read_axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, JointAxis]:
+def _read_axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, rigged_mesh.JointAxis]:
     """Axes and limits of joints after which a physics joint is named; its axis is in the joint's frame."""
     axes = {}
     for prim in stage.Traverse():
@@ -175,5 +167,5 @@ def _read_axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> d
             raise ValueError(f"{prim.GetPath()} has a lower limit above the upper one")
         if not slides:
             lower, upper = float(np.radians(lower)), float(np.radians(upper))
-        axes[joint] = JointAxis(along / np.linalg.norm(along), lower, upper, slides)
+        axes[joint] = rigged_mesh.JointAxis(along / np.linalg.norm(along), lower, upper, slides)
     return axes

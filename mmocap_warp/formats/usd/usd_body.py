@@ -22,16 +22,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
+from mmocap_warp.body import model
 from mmocap_warp.body.mesh_pieces import is_closed
-from mmocap_warp.body.model import (
-    BodyModel,
-    BodyMotion,
-    SkinMesh,
-    Subject,
-    bind_transforms,
-    joint_transforms,
-    rest_transforms,
-)
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_file import PrimReader, author, read_stage, reads_usd, set_world_up, write_stage
 from mmocap_warp.formats.usd.usd_skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
@@ -40,7 +32,7 @@ _REMEDY = "import the body again with `mmocap body import`, or start from one th
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
 
 
-def write_body(path: str | Path, body: BodyModel, motions: Mapping[str, BodyMotion] | None = None) -> None:
+def write_body(path: str | Path, body: model.BodyModel, motions: Mapping[str, model.BodyMotion] | None = None) -> None:
     """Write a body to a ``.usd``, ``.usda`` or ``.usdc`` file, Y up, in metres, with motions by their names."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -57,7 +49,7 @@ def write_body(path: str | Path, body: BodyModel, motions: Mapping[str, BodyMoti
 
 
 @reads_usd
-def read_motions(path: str | Path) -> dict[str, BodyMotion]:
+def read_motions(path: str | Path) -> dict[str, model.BodyMotion]:
     """The motions that came with a body, by name; none where it has none."""
     stage = read_stage(path)
     body = body_prim(stage, path)
@@ -70,18 +62,18 @@ def read_motions(path: str | Path) -> dict[str, BodyMotion]:
         read.require(0 < fps < np.inf, f"mmocap:fps is {fps}")
         problem = f"mmocap:pose holds {len(pose)} values, which are no poses of {coordinates}"
         read.require(len(pose) > 0 and len(pose) % coordinates == 0, problem)
-        motions[read.typed("mmocap:name", str)] = BodyMotion(fps, pose.reshape(-1, coordinates))
+        motions[read.typed("mmocap:name", str)] = model.BodyMotion(fps, pose.reshape(-1, coordinates))
     return motions
 
 
 @reads_usd
-def read_body(path: str | Path) -> BodyModel:
+def read_body(path: str | Path) -> model.BodyModel:
     """Read a body that :func:`write_body` or anything that contains such a body wrote."""
     stage = read_stage(path)
     return body_from_prim(body_prim(stage, path), path)
 
 
-def write_subject(path: str | Path, subject: Subject) -> None:
+def write_subject(path: str | Path, subject: model.Subject) -> None:
     """Write a subject to a ``.usd``, ``.usda`` or ``.usdc`` file: its body, standing as in the first frame."""
     stage = Usd.Stage.CreateInMemory()
     root = define_subject(stage, f"/{subject.body.name}", subject)
@@ -91,7 +83,7 @@ def write_subject(path: str | Path, subject: Subject) -> None:
     skeleton = root.GetPath().AppendChild("Skeleton")
     animation = UsdSkel.Animation.Define(stage, skeleton.AppendChild("FirstPose"))
     animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
-    set_pose(animation, joint_transforms(subject, subject.pose[None])[0][0], Usd.TimeCode(0))
+    set_pose(animation, model.joint_transforms(subject, subject.pose[None])[0][0], Usd.TimeCode(0))
     UsdSkel.BindingAPI(stage.GetPrimAtPath(skeleton)).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(0)
@@ -100,7 +92,7 @@ def write_subject(path: str | Path, subject: Subject) -> None:
 
 
 @reads_usd
-def read_subject(path: str | Path) -> Subject:
+def read_subject(path: str | Path) -> model.Subject:
     """Read a subject that :func:`write_subject` wrote."""
     stage = read_stage(path)
     prim = body_prim(stage, path)
@@ -110,7 +102,7 @@ def read_subject(path: str | Path) -> Subject:
     return subject_from_prim(prim, path)
 
 
-def define_subject(stage: Usd.Stage, path: str, subject: Subject) -> UsdSkel.Root:
+def define_subject(stage: Usd.Stage, path: str, subject: model.Subject) -> UsdSkel.Root:
     """Author the subject's body at ``path``, with where it starts as attributes; returns its ``SkelRoot``."""
     root = define_body(stage, path, subject.body)
     prim, base = root.GetPrim(), Gf.Matrix3d(np.asarray(subject.root_base, float).T)
@@ -120,7 +112,7 @@ def define_subject(stage: Usd.Stage, path: str, subject: Subject) -> UsdSkel.Roo
     return root
 
 
-def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
+def subject_from_prim(prim: Usd.Prim, source: object) -> model.Subject:
     """The subject that :func:`define_subject` authored at ``prim``; ``source`` is named in errors."""
     read = PrimReader(prim, source, "fit the subject again with `mmocap fit`")
     root_base = read.array("mmocap:rootBase", (3, 3), np.float64).T
@@ -128,7 +120,7 @@ def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
     pose = read.array("mmocap:pose", (body.skeleton.coordinates,), np.float64)
     read.require(is_rotation(root_base), "mmocap:rootBase is not a rotation")
     read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
-    return Subject(body, root_base, pose, read.json_object("mmocap:provenance"))
+    return model.Subject(body, root_base, pose, read.json_object("mmocap:provenance"))
 
 
 def body_prim(stage: Usd.Stage, source: object) -> Usd.Prim:
@@ -139,7 +131,7 @@ def body_prim(stage: Usd.Stage, source: object) -> Usd.Prim:
     raise InputError(source, "holds no mmocap body (a SkelRoot with mmocap:attribution)", _REMEDY)
 
 
-def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
+def define_body(stage: Usd.Stage, path: str, body: model.BodyModel) -> UsdSkel.Root:
     """Author the body in its bind pose at ``path``; returns its ``SkelRoot``."""
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     root = UsdSkel.Root.Define(stage, path)
@@ -154,8 +146,8 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     skeleton = UsdSkel.Skeleton.Define(stage, f"{path}/Skeleton")
     skeleton.CreateJointsAttr(joint_paths(body.skeleton))
     skeleton.CreateJointNamesAttr(list(body.skeleton.joints))
-    skeleton.CreateBindTransformsAttr([Gf.Matrix4d(m.T) for m in bind_transforms(body)])
-    skeleton.CreateRestTransformsAttr([Gf.Matrix4d(m.T) for m in rest_transforms(body)])
+    skeleton.CreateBindTransformsAttr([Gf.Matrix4d(m.T) for m in model.bind_transforms(body)])
+    skeleton.CreateRestTransformsAttr([Gf.Matrix4d(m.T) for m in model.rest_transforms(body)])
     UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
     define_freedom(skeleton.GetPrim(), body.skeleton)
 
@@ -199,7 +191,7 @@ def up_axis(root_base: np.ndarray) -> str:
     return "-+"[int(up[axis] > 0)] + "xyz"[axis]
 
 
-def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
+def body_from_prim(prim: Usd.Prim, source: object) -> model.BodyModel:
     """The body that :func:`define_body` authored at ``prim``; ``source`` is named in errors."""
     read = PrimReader(prim, source, _REMEDY)
     unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
@@ -219,7 +211,7 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
     tracking.require(is_closed(tracking_face), "the tracking mesh is not closed")
     sets, tables = (read.texts(f"mmocap:{name}", optional=True) for name in ("jointSetNames", "jointSets"))
     read.require(len(sets) == len(tables), "mmocap:jointSets has not one table for each of mmocap:jointSetNames")
-    return BodyModel(
+    return model.BodyModel(
         name=prim.GetName(),
         skeleton=joints,
         joint_rest=joint_rest,
@@ -237,7 +229,7 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
     )
 
 
-def _define_mesh(stage: Usd.Stage, path: str, mesh: SkinMesh, skeleton: UsdSkel.Skeleton) -> UsdGeom.Mesh:
+def _define_mesh(stage: Usd.Stage, path: str, mesh: model.SkinMesh, skeleton: UsdSkel.Skeleton) -> UsdGeom.Mesh:
     corners = mesh.face.shape[1]
     prim = UsdGeom.Mesh.Define(stage, path)
     prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(mesh.rest))
@@ -254,7 +246,7 @@ def _define_mesh(stage: Usd.Stage, path: str, mesh: SkinMesh, skeleton: UsdSkel.
     return prim
 
 
-def _define_shapes(stage: Usd.Stage, skin: UsdGeom.Mesh, body: BodyModel) -> None:
+def _define_shapes(stage: Usd.Stage, skin: UsdGeom.Mesh, body: model.BodyModel) -> None:
     targets = []
     for name, vertex, joint in zip(body.shape_names, body.shape_vertex, body.shape_joint, strict=True):
         shape = UsdSkel.BlendShape.Define(stage, skin.GetPath().AppendChild(name))
@@ -282,7 +274,7 @@ def _read_faces(mesh: PrimReader, vertices: int, corners: tuple[int, ...]) -> np
     return index.reshape(-1, sizes[0])
 
 
-def _read_mesh(mesh: PrimReader, joints: int) -> SkinMesh:
+def _read_mesh(mesh: PrimReader, joints: int) -> model.SkinMesh:
     rest = mesh.array("points", (None, 3))
     mesh.require(np.isfinite(rest).all(), "points are not finite")
     joint = mesh.array("primvars:skel:jointIndices", (4 * len(rest),), np.int32).reshape(-1, 4)
@@ -293,7 +285,7 @@ def _read_mesh(mesh: PrimReader, joints: int) -> SkinMesh:
     worst = int(off.argmax())
     problem = f"the weights of vertex {worst} sum to {weight[worst].sum():.4g}, not 1"
     mesh.require(off[worst] < _WEIGHT_SUM_TOLERANCE, problem)
-    return SkinMesh(rest, _read_faces(mesh, len(rest), corners=(3, 4)), joint, weight)
+    return model.SkinMesh(rest, _read_faces(mesh, len(rest), corners=(3, 4)), joint, weight)
 
 
 def _read_shapes(skin: PrimReader, vertices: int, joints: int) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:

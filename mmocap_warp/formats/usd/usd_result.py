@@ -22,7 +22,7 @@ from pxr import Kind, Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
 from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.usd import usd_file
 from mmocap_warp.formats.usd.usd_body import body_prim, define_body, define_subject, set_pose, subject_from_prim
 from mmocap_warp.formats.usd.usd_camera import cameras_from_prim, define_cameras
@@ -93,7 +93,7 @@ def read_result(path: str | Path) -> Result:
             values = read.sampled_array(attribute, times, (runs, *shapes.get(name, ())))
             arrays[name] = np.moveaxis(values, 1, 0)
     read.require(np.isfinite(arrays["pose"]).all(), "mmocap:pose is not finite")
-    try:
+    with input_errors(path, "{error}", _REMEDY, ValueError):
         return Result(
             subject=subject,
             cameras=cameras,
@@ -105,10 +105,6 @@ def read_result(path: str | Path) -> Result:
             versions=read.json_object("mmocap:versions"),
             **arrays,
         )
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(path, str(error), _REMEDY) from error
 
 
 def _define_tracking(stage: Usd.Stage, result: Result) -> None:

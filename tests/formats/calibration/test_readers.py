@@ -257,8 +257,8 @@ WRONG = {
     ),
     "unknown key": ("c.toml", replaced("grid_count", "grids"), r"\[cameras\.1\]: unknown key 'grids'"),
     "K in another order": ("c.toml", replaced("[0.0, 0.0, 1.0]]", "[0.0, 0.0, 2.0]]"), r"K is not \[\[fx, 0, cx\]"),
-    "huge": ("c.toml", lambda text: text + "#" * 2**20, r"has over 1 MB; give a calibration of cameras"),
-    "huge JSON": ("m.json", lambda text: text + " " * 2**20, r"has over 1 MB; give a calibration of cameras"),
+    "huge": ("c.toml", lambda text: text + "#" * 2**22, r"has over 4 MB; give a TOML text file"),
+    "huge JSON": ("m.json", lambda text: text + " " * 2**20, r"has over 1 MB; give a JSON file"),
 }
 
 

@@ -13,15 +13,18 @@ from other_bodies import burdened
 from pxr import Usd, UsdGeom, UsdSkel
 from synthetic import synthetic_result
 
+from mmocap_warp.biomechanics.measure_all import measure
+from mmocap_warp.body.joint_sets import joint_set
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
 from mmocap_warp.formats.motion.motion_clip import read_bvh
-from mmocap_warp.formats.table import POINT_CACHES, export, export_format
+from mmocap_warp.formats.table import EXPORTS, POINT_CACHES, export, format_of
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.result.excerpt import stood_up
 from mmocap_warp.result.result import Result
+from mmocap_warp.rigging.shipped import load_body
 
 SAME = 2e-6  # [m]: text of six decimals, and single precision, of places some metres from the origin
 SAME_TIME = 1e-6  # [s]
@@ -140,7 +143,7 @@ def test_the_joints_are_read_back(tmp_path: Path, suffix: str, up: str) -> None:
         joints, expected = np.diff(joints, axis=1), np.diff(result.joints()[result.best_run], axis=1)
         joints, expected = np.linalg.norm(joints, axis=2), np.linalg.norm(expected, axis=2)
     else:
-        expected = stood_up(result, export_format(tmp_path / f"a{suffix}").up or up).joints()[result.best_run]
+        expected = stood_up(result, format_of(EXPORTS, tmp_path / f"a{suffix}").up or up).joints()[result.best_run]
     np.testing.assert_allclose(joints, expected, rtol=0, atol=SAME)
 
 
@@ -280,3 +283,19 @@ def test_the_root_of_a_mot_counts_from_its_own_bind_frame(tmp_path: Path) -> Non
     result = replace(result, subject=replace(result.subject, body=body))
     _, joints = mot_motion(written(tmp_path, result, ".mot"), result)
     np.testing.assert_allclose(joints, result.joints()[result.best_run], rtol=0, atol=SAME)
+
+
+def test_a_mot_by_a_joint_set_has_the_angles_that_are_measured_by_its_centres(tmp_path: Path) -> None:
+    result = synthetic_result(frames=3)
+    man = load_body("adult_man")
+    result = replace(result, subject=replace(result.subject, body=man))
+    isb = joint_set("isb", man)
+    export(result, tmp_path / "walk.mot", joint_set=isb)
+    names, *rows = (line.split("\t") for line in (tmp_path / "walk.mot").read_text().splitlines()[6:])
+    found = dict(zip(names, np.array(rows, float).T, strict=True))
+    measured, own = (measure(result, result.best_run, joint_set=by).shown.angles for by in (isb, None))
+    expected = {f"{joint}_{name}": each for joint, angles in measured.items() for name, each in angles.items()}
+    assert names == ["time", *expected]
+    for name, angle in expected.items():
+        np.testing.assert_allclose(found[name], angle, rtol=0, atol=1e-6)
+    assert np.abs(found["LKnee_flexion"] - own["LKnee"]["flexion"]).min() > 1

@@ -116,7 +116,7 @@ FAULTS = {
     "skewed pixels": (change_numbers(CAL, skewed), r"camera 'BW2': skew is 1\.9\d* px"),
     "no video": (remove(AVI), r"Image_Data: holds no Walking_1_\(BW1\)\.avi and no folder"),
     "video that is none": (write(AVI, b"no video"), r"BW1\)\.avi: cannot be decoded as a video"),
-    "video too short": (shorten(AVI, 20), r"BW1\)\.avi: has 20 frames, .* frame 17, not 20; .* --last 17"),
+    "video too short": (shorten(AVI, 20), r"BW1\)\.avi: has 20 frames, .* frame 17, not 20; .* give 17 as LAST"),
     "images with a gap": (unpacked_with_a_gap, r"BW1\): image 3 is missing"),
     "no offset": (remove(OFS), r"Sync_Data: holds no Walking_1_\(C3\)\.ofs"),
     "offset cut off": (write(OFS, "12\n33.1\n"), r"C3\)\.ofs: holds \[12\.0, 33\.1\], not a video frame"),
@@ -150,9 +150,10 @@ def cut(path: Path, size: int) -> None:
     path.write_bytes(path.read_bytes()[:size])
 
 
-def run(root: Path, folder: Path, *options: str, sequence: tuple[str, str] = ("S1", "Walking")) -> int:
-    last = () if "--last" in options else ("--last", str(made.LAST))
-    return cli.main(["humaneva", str(root), *sequence, "-o", str(folder), "--quiet", *options, *last])
+def run(
+    root: Path, folder: Path, *options: str, parts: tuple[str, ...] = ("S1", "Walking", "6", str(made.LAST))
+) -> int:
+    return cli.main(["dataset", "humaneva", str(root), *parts, "-o", str(folder), "--quiet", *options])
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -177,21 +178,22 @@ SEQUENCES = {
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_a_sequence_that_is_not_there(sequence, whole, tmp_path, capsys):
-    assert run(whole, tmp_path / "scene", sequence=sequence) == BAD_INPUT
+    assert run(whole, tmp_path / "scene", parts=sequence) == BAD_INPUT
     assert re.search(SEQUENCES[sequence], capsys.readouterr().err)
 
 
 RANGES = {
-    ("--first", "0"): r"frames 0 to 20 are not a range; count from 1",
-    ("--first", "9", "--last", "8"): r"frames 9 to 8 are not a range",
-    ("--last", "1203"): r"\.avi: has 28 frames, .*, not 1203; copy it again, or give --last 2\d$",
+    ("0", "20"): r"frames 0 to 20 are not a range; count from 1",
+    ("9", "8"): r"frames 9 to 8 are not a range",
+    ("nine", "20"): r"'nine' is not the number of a frame; give whole numbers",
+    ("6", "1203"): r"\.avi: has 28 frames, .*, not 1203; copy it again, or give 2\d as LAST$",
 }
 
 
-@pytest.mark.parametrize("options", RANGES)
-def test_a_range_that_is_none_or_not_there(options, whole, tmp_path, capsys):
-    assert run(whole, tmp_path / "scene", *options) == BAD_INPUT
-    assert re.search(RANGES[options], capsys.readouterr().err, re.M)
+@pytest.mark.parametrize("frames", RANGES)
+def test_a_range_that_is_none_or_not_there(frames, whole, tmp_path, capsys):
+    assert run(whole, tmp_path / "scene", parts=("S1", "Walking", *frames)) == BAD_INPUT
+    assert re.search(RANGES[frames], capsys.readouterr().err, re.M)
 
 
 def test_a_root_that_is_not_there(tmp_path, capsys):
@@ -200,9 +202,9 @@ def test_a_root_that_is_not_there(tmp_path, capsys):
 
 
 def test_the_proposed_last_frame_is_one_that_works(whole, tmp_path, capsys):
-    run(whole, tmp_path / "scene", "--last", "1203")
-    proposed = re.search(r"--last (\d+)", capsys.readouterr().err)[1]
-    assert run(whole, tmp_path / "scene", "--last", proposed) == OK
+    run(whole, tmp_path / "scene", parts=("S1", "Walking"))
+    proposed = re.search(r"give (\d+) as LAST", capsys.readouterr().err)[1]
+    assert run(whole, tmp_path / "scene", parts=("S1", "Walking", "6", proposed)) == OK
 
 
 def test_a_folder_with_files_is_not_written_into_unless_forced(whole, tmp_path, capsys):

@@ -13,14 +13,14 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.humaneva.vicon_points import (
     JOINT_NAMES,
     MissingPointError,
-    SubjectMeasures,
     joint_positions,
     torso_radius,
 )
 from mmocap_warp.formats.motion.captured_points import PointTracks
 from mmocap_warp.study.metrics import TRUNK
 
-NO_MEASURES = SubjectMeasures(0.0, (0.0, 0.0))
+Measures = tuple[float, tuple[float, float]]  # the torso's radius, and the shoulders' offsets [m]
+NO_MEASURES: Measures = (0.0, (0.0, 0.0))
 EXACT = 1e-9  # [m]
 SINGLE = 2e-6  # [m] poses are posed in single precision
 SWING = 3e-4  # [m] what swings is not on the straight line between two frames of the motion capture
@@ -47,8 +47,8 @@ def standing() -> dict[str, np.ndarray]:
     return {name: np.tile(place, (2, 1)) for name, place in points.items()}
 
 
-def joints_of(points: dict[str, np.ndarray], subject: SubjectMeasures, position: float = 0.5) -> dict[str, np.ndarray]:
-    found = joint_positions(tracks(points), np.array([position]), subject)[0]
+def joints_of(points: dict[str, np.ndarray], measures: Measures, position: float = 0.5) -> dict[str, np.ndarray]:
+    found = joint_positions(tracks(points), np.array([position]), *measures)[0]
     return dict(zip(JOINT_NAMES, found, strict=True))
 
 
@@ -60,7 +60,7 @@ def test_the_names_are_the_ones_that_results_are_judged_by():
 
 def test_a_straight_figure_by_hand():
     """Offsets of 80 and 0 mm: the left elbow goes back by 0.3 sin(atan(0.04 / 0.3)) and up by the rest of the arc."""
-    joints = joints_of(standing(), SubjectMeasures(0.18, (0.08, 0.0)))
+    joints = joints_of(standing(), (0.18, (0.08, 0.0)))
     angle, lean = np.arctan2(0.04, 0.3), np.arctan2(0.09, 0.5)
     elbow = np.array([-0.3 * np.sin(angle), 0.2, 1.4 - 0.3 * np.cos(angle)])
     known = {
@@ -93,7 +93,7 @@ def test_an_elbow_off_the_upper_arms_axis_is_the_mean_of_both_limbs_ends():
 def test_without_measures_limbs_have_the_joints_of_the_figure_that_moved():
     position = np.arange(10.0, 40.0)
     captured = tracks(made.captured_points(np.arange(1, made.MOCAP_FRAMES + 1)))
-    joints = joint_positions(captured, position - 1, NO_MEASURES)
+    joints = joint_positions(captured, position - 1, *NO_MEASURES)
     poser = Poser(made.subject().body, made.subject().root_base)
     known = poser.joint_transforms(made.poses_at(position))[:, :, :3, 3]
     for i, name in enumerate(JOINT_NAMES):
@@ -105,9 +105,9 @@ def test_between_frames_joints_are_between():
     position = np.arange(10.25, 40.0)
     captured = tracks(made.captured_points(np.arange(1, made.MOCAP_FRAMES + 1)))
     finer = tracks(made.captured_points(position))
-    subject = SubjectMeasures(0.18, (0.04, 0.044))
-    joints = joint_positions(captured, position - 1, subject)
-    known = joint_positions(finer, np.arange(len(position), dtype=float), subject)
+    measures = (0.18, (0.04, 0.044))
+    joints = joint_positions(captured, position - 1, *measures)
+    known = joint_positions(finer, np.arange(len(position), dtype=float), *measures)
     assert np.abs(joints - known).max() < SWING
 
 
@@ -134,7 +134,7 @@ def test_a_lost_point_takes_its_joints_away_and_no_others():
 
 def test_beyond_the_ends_nothing_is_known():
     for position in (-0.5, 1.5):
-        assert np.isnan(joint_positions(tracks(standing()), np.array([position]), NO_MEASURES)).all()
+        assert np.isnan(joint_positions(tracks(standing()), np.array([position]), *NO_MEASURES)).all()
 
 
 def test_the_torsos_radius_is_half_the_shoulders_less_a_markers_radius():

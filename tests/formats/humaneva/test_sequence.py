@@ -16,19 +16,20 @@ from mmocap_warp import cli
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli.console import OK
-from mmocap_warp.formats.humaneva.humaneva_files import StreamOffset, synchronise
+from mmocap_warp.formats.datasets.dataset_scene import DatasetScene
+from mmocap_warp.formats.humaneva.humaneva_files import StreamOffset, read_ofs, synchronise
 from mmocap_warp.formats.humaneva.sequence import (
     CAMERAS,
     FIRST_FRAME,
     SEQUENCES,
-    HumanEvaSequence,
     nearest_background,
-    read_sequence,
+    read_humaneva,
 )
 from mmocap_warp.formats.humaneva.vicon_points import MARKERS
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.formats.usd.usd_result import write_result
+from mmocap_warp.masks.frames import open_video
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.recording import Scene
@@ -50,17 +51,21 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def sequence(root: Path) -> HumanEvaSequence:
-    return read_sequence(root, "S1", "Walking", last=made.LAST)
+def sequence(root: Path) -> DatasetScene:
+    return read_humaneva(root, "S1", "Walking", last=str(made.LAST))
 
 
 @pytest.fixture(scope="module")
 def scene(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """What the command writes."""
     folder = tmp_path_factory.mktemp("scenes") / "s1-walking"
-    command = ["humaneva", str(root), "S1", "Walking", "-o", str(folder), "--last", str(made.LAST), "--quiet"]
-    assert cli.main(command) == OK
+    assert cli.main([*command(root, folder), "--quiet"]) == OK
     return load_scene(folder)
+
+
+def command(root: Path, folder: Path, last: int = made.LAST) -> list[str]:
+    """What writes the sequence up to a frame as a scene."""
+    return ["dataset", "humaneva", str(root), "S1", "Walking", str(FIRST_FRAME), str(last), "-o", str(folder)]
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +74,10 @@ def truth(scene: Scene) -> Truth:
 
 
 @pytest.fixture
-def positions(sequence: HumanEvaSequence) -> np.ndarray:
+def positions(root: Path) -> np.ndarray:
     """Where the scene's frames lie in the motion capture, counted from 1."""
-    return sequence.sync.mocap_position(np.arange(FIRST_FRAME, made.LAST + 1))
+    sync = synchronise([read_ofs(root / f"S1/Sync_Data/Walking_1_({camera}).ofs") for camera in CAMERAS])
+    return sync.mocap_position(np.arange(FIRST_FRAME, made.LAST + 1))
 
 
 def test_the_scene_has_the_frames_and_cameras_of_the_sequence(scene):
@@ -80,13 +86,6 @@ def test_the_scene_has_the_frames_and_cameras_of_the_sequence(scene):
     assert scene.fps == 60
     assert scene.calibrated.up == "+z"
     assert scene.name == "S1 Walking"
-
-
-def test_it_is_one_of_the_data_sets(root, scene, tmp_path):
-    command = ["dataset", "humaneva", str(root), "S1", "Walking", "6", str(made.LAST), "-o", str(tmp_path), "--force"]
-    assert cli.main([*command, "--quiet"]) == OK
-    for name in ("scene.toml", "calibration.toml"):
-        assert (tmp_path / name).read_bytes() == (scene.directory / name).read_bytes()
 
 
 def test_no_image_is_copied(scene):
@@ -159,12 +158,12 @@ def test_a_frame_is_without_truth_if_a_marker_is_lost_on_either_side_of_it(truth
     assert np.isfinite(truth.joints[~invalid]).all()
 
 
-def test_frames_after_the_motion_capture_have_no_truth(root, tmp_path):
+def test_frames_after_the_motion_capture_have_no_truth(root, positions, tmp_path):
     shorter = made.copied(root, tmp_path)
     points = made.captured_points(np.arange(1, 41))
     made.write_c3d(shorter / "S1/Mocap_Data/Walking_1.c3d", points, {})
-    read = read_sequence(shorter, "S1", "Walking", last=made.LAST)
-    inside = read.sync.mocap_position(np.arange(FIRST_FRAME, made.LAST + 1)) <= 40
+    read = read_humaneva(shorter, "S1", "Walking", last=str(made.LAST))
+    inside = positions <= 40
     assert 0 < inside.sum() < FRAMES
     assert (np.isfinite(read.truth.markers).all(axis=(1, 2)) == inside).all()
 
@@ -176,15 +175,20 @@ def test_the_background_clip_is_the_one_that_looks_like_the_recording(scene):
 
 
 def test_background_clips_must_have_the_recordings_size(sequence):
-    smaller = replace(sequence.backgrounds[0], size=(80, 60))
+    first = sequence.cameras[0]
+    smaller = replace(open_video(first.background), size=(80, 60))
     with pytest.raises(ValueError, match="size"):
-        nearest_background(sequence.videos[0], [smaller])
+        nearest_background(open_video(first.video), [smaller])
+
+
+def offsets(scene: DatasetScene) -> list[int]:
+    return [camera.frame_offset for camera in scene.cameras]
 
 
 def test_a_range_of_ones_own_starts_at_its_first_frame(root, sequence):
-    later = read_sequence(root, "S1", "Walking", first=9, last=12)
-    assert later.count == 4
-    assert later.frame_offsets == tuple(offset + 3 for offset in sequence.frame_offsets)
+    later = read_humaneva(root, "S1", "Walking", first="9", last="12")
+    assert later.frames == 4
+    assert offsets(later) == [offset + 3 for offset in offsets(sequence)]
     np.testing.assert_array_equal(later.truth.markers, sequence.truth.markers[3:7])
 
 
@@ -195,12 +199,12 @@ def test_names_in_other_case_and_folders_of_images_are_read_too(root, sequence, 
     video = other / "S1/Image_Data/Walking_1_(C2).avi"
     folder = video.with_suffix("")
     folder.mkdir()
-    for i, image in enumerate(sequence.videos[1].read()):
+    for i, image in enumerate(open_video(sequence.cameras[1].video).read()):
         cv2.imwrite(str(folder / f"{i + 1:04d}.png"), image)
     video.unlink()
-    read = read_sequence(other, "S1", "Walking", last=made.LAST)
-    assert read.videos[1].path == folder
-    assert read.frame_offsets == sequence.frame_offsets
+    read = read_humaneva(other, "S1", "Walking", last=str(made.LAST))
+    assert read.cameras[1].video == folder
+    assert offsets(read) == offsets(sequence)
     np.testing.assert_array_equal(read.rig.K, sequence.rig.K)
 
 
@@ -209,7 +213,7 @@ def test_the_forearm_marker_may_have_its_other_name(root, sequence, tmp_path):
     points = made.captured_points(np.arange(1, made.MOCAP_FRAMES + 1))
     points = {name.replace("FRM", "FRA"): place for name, place in points.items()}
     made.write_c3d(other / "S1/Mocap_Data/Walking_1.c3d", points, made.LOST)
-    read = read_sequence(other, "S1", "Walking", last=made.LAST)
+    read = read_humaneva(other, "S1", "Walking", last=str(made.LAST))
     np.testing.assert_array_equal(read.truth.markers, sequence.truth.markers)
 
 
@@ -217,31 +221,18 @@ def test_without_vicons_segments_there_are_markers_but_no_joints(root, tmp_path,
     other = made.copied(root, tmp_path)
     points = made.captured_points(np.arange(1, made.MOCAP_FRAMES + 1))
     made.write_c3d(other / "S1/Mocap_Data/Walking_1.c3d", {name: points[name] for name in MARKERS}, {})
-    command = ["humaneva", str(other), "S1", "Walking", "-o", str(tmp_path / "scene"), "--last", str(made.LAST)]
-    assert cli.main([*command, "--json"]) == OK
+    assert cli.main(command(other, tmp_path / "scene")) == OK
     out, err = capsys.readouterr()
-    assert json.loads(out)["joints"] == []
-    assert json.loads(out)["truth_frames"] == FRAMES
+    assert f"{FRAMES} frames, {FRAMES} with truth" in out
     assert "no joints: Walking_1.c3d has no PELO" in err
-    assert len(load_truth(tmp_path / "scene" / "truth.usdc").marker_names) == len(MARKERS)
+    truth = load_truth(tmp_path / "scene" / "truth.usdc")
+    assert len(truth.marker_names) == len(MARKERS)
+    assert truth.joint_names == ()
 
 
 def test_videos_that_start_elsewhere_than_published_are_told(root, tmp_path, capsys):
-    command = [
-        "humaneva",
-        str(root),
-        "S1",
-        "Walking",
-        "-o",
-        str(tmp_path / "scene"),
-        "--last",
-        str(made.LAST),
-        "--json",
-    ]
-    assert cli.main(command) == OK
-    out, err = capsys.readouterr()
-    assert json.loads(out)["starts_as_published"] is False
-    assert "Critical_Update_OFS_files" in err
+    assert cli.main(command(root, tmp_path / "scene")) == OK
+    assert "Critical_Update_OFS_files" in capsys.readouterr().err
 
 
 def test_the_papers_nine_sequences_have_the_papers_number_of_frames():
@@ -292,13 +283,12 @@ def test_a_frame_too_late_is_noticed(scene, positions, tmp_path, capsys):
 
 def test_the_scene_is_tracked_as_any_other(root, tmp_path, capsys):
     scene = tmp_path / "scene"
-    command = ["humaneva", str(root), "S1", "Walking", "-o", str(scene), "--last", "8", "--quiet"]
-    assert cli.main(command) == OK
+    assert cli.main([*command(root, scene, 8), "--quiet"]) == OK
     start = replace(made.subject(), pose=made.poses_at(np.array([22.5]))[0])
     write_subject(tmp_path / "subject.usdc", start)
-    command = ["track", str(scene), "--subject", str(tmp_path / "subject.usdc"), "-o", str(tmp_path / "result.usdc")]
+    track = ["track", str(scene), "--subject", str(tmp_path / "subject.usdc"), "-o", str(tmp_path / "result.usdc")]
     capsys.readouterr()
-    assert cli.main([*command, "--evaluations", "60", "--device", "cpu", "--quiet", "--json"]) == OK
+    assert cli.main([*track, "--evaluations", "60", "--device", "cpu", "--quiet", "--json"]) == OK
     report = json.loads(capsys.readouterr().out)
     assert report["frames"] == 3
     assert report["mean_iou"] > 0.7
@@ -308,7 +298,7 @@ def test_the_scene_is_tracked_as_any_other(root, tmp_path, capsys):
 def test_paths_with_quotes_and_umlauts_survive_the_scene_file(root, tmp_path):
     odd = made.copied(root, tmp_path / 'a "küche" \\ ')
     scene = tmp_path / "scene"
-    assert cli.main(["humaneva", str(odd), "S1", "Walking", "-o", str(scene), "--last", "8", "--quiet"]) == OK
+    assert cli.main([*command(odd, scene, 8), "--quiet"]) == OK
     named = tomllib.loads((scene / "scene.toml").read_text(encoding="utf-8"))["cameras"]["C1"]["video"]
     assert Path(named) == odd / "S1/Image_Data/Walking_1_(C1).avi"
 

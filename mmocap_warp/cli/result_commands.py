@@ -68,11 +68,14 @@ def track(
         before = results_in(output) if (whole or resume) and output.exists() else {}
         new_file(output, *USD_SUFFIXES, force=force or bool(before))
         work = {name: partial(track_one, loaded.of_person(name), _of_person(output, name)) for name in people}
-        answer = _each(console, work)
+        answers = _each(console, work)
+        if one_blob and done:  # what is said of each is said of the doubted result
+            _doubt_together(done, console)
+            scenes = {name: loaded.of_person(name) for name in done}
+            answers |= _each(console, {name: partial(_report, console, scenes[name], *done[name]) for name in done})
+        answer = _together(answers)
         if not done:
             return answer
-        if one_blob:
-            _doubt_together(done, console)
         if force or [*before] != [*done]:
             write_people(output, done)
     else:
@@ -89,18 +92,23 @@ def _everybody(scene: Scene, person: str | None) -> list[str]:
     return [*scene.people] if everybody or not (person or scene.person) else []
 
 
-def _each(console: Console, work: Mapping[str, Callable[[], Answer]]) -> Answer:
+def _each(console: Console, work: Mapping[str, Callable[[], Answer]]) -> dict[str, Answer]:
     """What is done for each of several people, by their names; what fails for one is done for the others."""
-    values, lines, codes = dict[str, Any](), list[object](), []
+    answers = {}
     for name, do in work.items():
         try:
-            answer = do()
+            answers[name] = do()
         except InputError as error:
             console.warn(f"{name}: {error}")
-            answer = Answer({"problem": str(error)}, [f"failed: {error}"], BAD_INPUT)
-        values[name] = answer.values
-        lines += [f"{name}:", *answer.lines]
-        codes.append(answer.code)
+            answers[name] = Answer({"problem": str(error)}, [f"failed: {error}"], BAD_INPUT)
+    return answers
+
+
+def _together(answers: Mapping[str, Answer]) -> Answer:
+    """The answers about several people, by their names, as one."""
+    lines = [line for name, answer in answers.items() for line in (f"{name}:", *answer.lines)]
+    codes = [answer.code for answer in answers.values()]
+    values = {name: answer.values for name, answer in answers.items()}
     return Answer({"people": values}, lines, BAD_INPUT if BAD_INPUT in codes else max(codes))
 
 
@@ -117,7 +125,7 @@ def _doubt_together(done: dict[str, tuple[Path, Result]], console: Console) -> N
         status = np.where(doubted & (result.status == tracked), partial_, result.status).astype(result.status.dtype)
         done[name] = file, replace(result, status=status)
         write_result(*done[name])
-    console.note(f"people: {int(doubted.any(axis=0).sum())} frames are in doubt for all, because one is")
+    console.note(f"people: {int(doubted.any(axis=0).sum())} frames are partial for all, because one is in doubt there")
 
 
 def _of_person(output: Path, name: str) -> Path:
@@ -136,7 +144,6 @@ def _track(
     done: dict[str, tuple[Path, Result]],
 ) -> Answer:
     """Track one person, whose file and result are added to what is ``done``."""
-    from mmocap_warp.commands.evaluate import evaluate_in_scene
     from mmocap_warp.result.verdict import verdict
 
     changes: dict[str, Any] = {"person": None} if scene.person else {}  # the scene is of that person already
@@ -152,6 +159,13 @@ def _track(
         console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
         tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})
     done[scene.person] = output, tracked
+    return _report(console, scene, output, tracked)
+
+
+def _report(console: Console, scene: Scene, output: Path, tracked: Result) -> Answer:
+    """What is said of one person's track."""
+    from mmocap_warp.commands.evaluate import evaluate_in_scene
+
     try:
         report, warning = evaluate_in_scene(tracked, scene)
     except InputError:
@@ -197,7 +211,7 @@ def fit(call: Any, console: Console, scene: Path, output: Path, identity: int | 
     if not (people := _everybody(load_scene(scene, identity=identity), person)):
         return _fitted(call, output)
     work = {name: partial(_fitted, partial(call, person=name), _of_person(output, name)) for name in people}
-    return _each(console, work)
+    return _together(_each(console, work))
 
 
 def _fitted(call: Any, output: Path) -> Answer:
@@ -256,7 +270,7 @@ def evaluate(call: Any, console: Console, result: Path, joint_set: str) -> Answe
         return Answer(report, lines, OK if good else CHECK_FAILED)
 
     people = {name: partial(evaluate_one, file) for name, file in results_in(result).items()}
-    return _each(console, people) if people else evaluate_one(result)
+    return _together(_each(console, people)) if people else evaluate_one(result)
 
 
 def _by_joint(errors: dict[str, dict[str, float | None]]) -> str:

@@ -57,7 +57,7 @@ def scene_from(
     if (
         reporter is not None
         and chosen.foreground.source == "masks"
-        and not (chosen.foreground.identity or chosen.labelled)
+        and not (chosen.foreground.identity or chosen.labelled or chosen.people)
     ):
         others = ((source.name, _others(chosen, source)) for source in chosen.cameras)
         if (seen := next((f"{name} {line}" for name, line in others if line is not None), None)) is not None:

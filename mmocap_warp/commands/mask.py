@@ -87,6 +87,7 @@ def mask(
     by_program = loaded.foreground.source == "program"
     refine, loaded = (None, loaded) if from_body is None else _around_body(loaded, from_body, scale)
     program = find_program("mediapipe" if with_ is None else with_, reporter.note) if by_program else None
+    apart = _told_apart(loaded, scale) if loaded.of_several else None
     unfinished = Path(output) / UNFINISHED
     folder = new_folder(output, force=force or (by_program and unfinished.is_dir()))
     images = None
@@ -112,7 +113,7 @@ def mask(
             look=judge.add,
             refine=refine,
             images=images,
-            apart=_told_apart(loaded, scale) if loaded.of_several else None,
+            apart=apart,
             make_consistent=consistency,
         )
     if program is not None:

@@ -1,5 +1,6 @@
 """Pixels that may be of several people are given to whoever's body explains them."""
 
+import os
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,6 +11,8 @@ from synthetic import synthetic_result
 
 from mmocap_warp.cli.console import Console
 from mmocap_warp.cli.result_commands import _doubt_together
+from mmocap_warp.commands import mask as mask_command
+from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.mask import mask
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_result import read_result
@@ -57,6 +60,36 @@ def made(folder, places, several=UNTOLD):
 def test_everybodys_subject_is_asked_for(tmp_path):
     with pytest.raises(InputError, match="anna has none"):
         mask(made(tmp_path / "scene", [(-0.8, 0.8)]).path, tmp_path / "masks")
+    assert not (tmp_path / "masks").exists()
+
+
+def test_people_are_told_apart_once_and_again_after_a_subject_has_changed(tmp_path, monkeypatch):
+    """Whatever a stopped run has left is no reason to refuse, and one person can be asked for."""
+    scene, subject, notes = made(tmp_path, [(-0.8, 0.8)] * 2), tmp_path / "ben.usdc", []
+    subject.touch()
+    asked = replace(scene, people={**scene.people, "ben": replace(scene.people["ben"], subject=subject)})
+    sizes = [tuple(size[::-1]) for size in scene.rig().size]
+    split = [[(np.arange(wide) < wide / 2) == (np.full((high, 1), n) == 0) for high, wide in sizes] for n in range(2)]
+    nothing = [np.zeros(size, bool) for size in sizes]
+    monkeypatch.setattr(mask_command, "_told_apart", lambda scene, scale: iter([(split, nothing)] * 2))
+    (tmp_path / "apart").mkdir()
+    (tmp_path / "apart" / "left").touch()
+    reporter = SimpleNamespace(note=notes.append, warn=pytest.fail, stage=Reporter().stage)
+    told = [
+        mask_command.with_masks(each, reporter)
+        for each in (asked, asked.of_person("ben"), asked.of_frames(range(1, 2)))
+    ]
+    assert [(each.path, each.person, each.frame_count) for each in told] == [
+        (tmp_path / "apart" / "scene.toml", person, count) for person, count in (("", 2), ("ben", 2), ("", 1))
+    ]
+    assert not told[0].of_several
+    assert len(notes) == 1
+    assert "overlay.webm" in notes[0]
+    assert all(np.array_equal(a, b) for a, b in zip(next(told[0].of_person("anna").masks()), split[0], strict=True))
+    later = (tmp_path / "apart" / "scene.toml").stat().st_mtime + 1
+    os.utime(subject, (later, later))
+    mask_command.with_masks(asked, reporter)
+    assert len(notes) == 2
 
 
 def test_a_frame_in_which_one_is_in_doubt_is_in_doubt_for_all(tmp_path):

@@ -6,6 +6,7 @@ import os
 import signal
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from mmocap_warp.jobs.engine import Advance, Death, EngineLost, Event, Ready, Refusal
@@ -42,6 +43,16 @@ def serve_and_be_killed(connection, device, threads) -> None:
         if job.cell.algorithm == "pso":
             os.kill(os.getpid(), signal.SIGKILL)
         connection.send(made_up(job))
+
+
+class ThreadCounter:
+    """Refuses a job with the number of threads that OpenCV has here."""
+
+    def __init__(self, device: str, threads: int | None) -> None:
+        pass
+
+    def work(self, job):
+        yield Refusal(str(cv2.getNumThreads()))
 
 
 class DirectEngine:

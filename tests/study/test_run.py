@@ -24,6 +24,7 @@ from study_workers import (
     DYING_ONCE,
     FAILING,
     ScriptedEngine,
+    ThreadCounter,
     serve_and_be_killed,
     serve_and_die_once,
 )
@@ -143,6 +144,14 @@ def test_the_number_of_threads_changes_nothing(study, whole, tmp_path):
     run_quietly(tasks, lambda: LocalEngine(Worker, ["cpu"], threads=3))
     assert len(list((tmp_path / "results").iterdir())) == 2
     assert same_files(tmp_path / "results", whole)
+
+
+def test_opencv_takes_no_more_threads_than_its_worker():
+    engine = LocalEngine(ThreadCounter, ["cpu"], threads=3)
+    assert engine.events(60.0) == [(0, Ready("cpu"))]
+    engine.submit(0, "anything")
+    assert engine.events(60.0) == [(0, Refusal("3"))]
+    engine.close()
 
 
 def test_a_damaged_result_is_told_and_tracked_again(study, whole, copied):

@@ -55,8 +55,7 @@ def forks_of(module: str) -> Any:
 class LocalEngine(Engine):
     """One process per device, see :func:`local_devices`, with so many CPU threads; None for all that may be used.
 
-    ``make`` makes the worker of a process, unless it is to
-    ``serve`` in another way.
+    ``make`` makes the worker of a process, unless it is to ``serve`` in another way.
     """
 
     def __init__(

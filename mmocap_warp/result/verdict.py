@@ -22,6 +22,7 @@ _NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
 _MOST_IN_DOUBT = 0.5  # of the body's parts: a frame with more of them in doubt is not trusted, whatever its status
 _MIN_VIEWS = 2  # views that must see somebody in a frame
+_MAX_DEPARTURE = 3.5  # standard deviations from its kind: a sound body had at most 3.0, those in a skirt 4 to 8
 _SHOWN_RANGES = 4  # ranges of frames that are listed
 
 
@@ -36,7 +37,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how many
     frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while the
     others go on, by camera. ``lines`` say all that in words. ``next`` is the command that may mend the result, where
-    one is needed and the ``scene`` is known.
+    one is needed and the ``scene`` is known. ``unlike`` says whether the fit made the body very unlike its kind.
     """
     best, numbers = result.best_run, result.frame_numbers
     skeleton, size = result.subject.body.skeleton, result.subject.body.relative_size
@@ -58,8 +59,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
             worst = [k for k in np.argsort(-middle) if middle[k] > _NAMED_SHARE * middle.max()]
             cameras = {result.cameras.names[k]: 1000 * float(middle[k]) for k in worst}
             held &= bool(np.mean(middle[middle > 0] <= _MAX_SHIFT * size) >= _HOLDING_SHARE)
-    wrong = _WRONG_SHIFT if held else _MAX_SHIFT
-    off = max(cameras.values(), default=0.0) > 1000 * wrong * size
+    off = max(cameras.values(), default=0.0) > 1000 * (_WRONG_SHIFT if held else _MAX_SHIFT) * size
     frozen = {name: np.intersect1d(each, numbers) for name, each in result.config.get("frozen_views", {}).items()}
     fitted = result.subject.provenance
     undecided = fitted.get("fit.alternative") if fitted.get("fit.decided") == "no" else None
@@ -73,6 +73,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         "frozen": {name: frames.tolist() for name, frames in frozen.items() if len(frames)},
         "problem": problem,
         "undecided": undecided,
+        "unlike": fitted.get("fit.departure", 0.0) > _MAX_DEPARTURE,
     }
     holds = 2 * values["trusted"] >= values["frames"]
     return values | {"holds": holds, "lines": _lines(values), "next": _next_step(bool(cameras), holds, scene)}
@@ -94,6 +95,8 @@ def _lines(values: dict[str, Any]) -> list[str]:
     if values["undecided"]:
         otherwise = {"turned": "turned round", "swapped": "with limbs in each other's place"}[values["undecided"]]
         lines.append(f"the body may be {otherwise}: that explains the first seconds as well; look at the overlay")
+    if values["unlike"]:
+        lines.append("the body had to be made unlike its kind: loose clothes, or limbs in each other's place?")
     if values["cameras"]:
         off = [f"{name} by {shift:.0f} mm" for name, shift in values["cameras"].items()]
         lines.append(f"cameras that disagree with the others: {', '.join(off)} at the body")

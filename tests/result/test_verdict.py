@@ -62,6 +62,14 @@ def test_a_fit_that_left_two_ways_open_is_not_trusted():
     )
 
 
+@pytest.mark.parametrize(("departure", "unlike"), [(3.0, False), (4.0, True)])
+def test_a_body_unlike_its_kind_is_named(departure, unlike):
+    subject = synthetic_result(FRAMES, runs=1, cameras=CAMERAS).subject
+    told = judged(subject=replace(subject, provenance={"fit.departure": departure}))
+    assert (told["unlike"], told["trusted"]) == (unlike, FRAMES)
+    assert any("unlike its kind" in line for line in told["lines"]) == unlike
+
+
 def test_one_view_is_not_enough():
     iou = np.full((1, FRAMES, CAMERAS), 0.9)
     iou[0, :2, 1:] = np.nan

@@ -73,7 +73,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         "frozen": {name: frames.tolist() for name, frames in frozen.items() if len(frames)},
         "problem": problem,
         "undecided": undecided,
-        "unlike": fitted.get("fit.departure", 0.0) > _MAX_DEPARTURE,
+        "unlike": float(fitted.get("fit.departure", 0.0)) > _MAX_DEPARTURE,
     }
     holds = 2 * values["trusted"] >= values["frames"]
     return values | {"holds": holds, "lines": _lines(values), "next": _next_step(bool(cameras), holds, scene)}

@@ -82,13 +82,12 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     return freedoms
 
 
-_SEEN = np.radians(15.0)  # a hinge that motions turn by more about another axis is none
 _MARGIN = np.radians(10.0)  # limits are wider than what motions show
 _FARTHEST = np.radians([180.0, 85.0, 180.0])  # that any angle may be; at 90 the middle one would lock the others
 
 
 def as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> list[Freedom]:
-    """Freedom in which joints whose file says nothing turn at least as far as its motions show."""
+    """Freedom in which joints whose file says nothing turn as far as its motions show; a hinge stays one."""
     found = list(freedom)
     world = _all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])
     for joint, how in enumerate(freedom):
@@ -96,11 +95,10 @@ def as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> list[Freedom]:
             continue
         own = how.frame.T @ transposed(world[:, mesh.parent[joint]]) @ world[:, joint] @ how.frame
         angles = continuous_zyx_angles(own, np.tile([-np.pi, np.pi], (3, 1)))
-        free = how.free if (np.abs(angles[:, 1:]) <= _SEEN).all() else "xyz"
         reach = np.concatenate([angles - _MARGIN, angles + _MARGIN, how.limits.T]).clip(-_FARTHEST, _FARTHEST)
         limits = np.stack([reach.min(axis=0), reach.max(axis=0)], axis=1)
-        limits[[axis not in free for axis in "xyz"]] = 0.0
-        found[joint] = replace(how, free=free, limits=limits)
+        limits[[axis not in how.free for axis in "xyz"]] = 0.0
+        found[joint] = replace(how, limits=limits)
     return found
 
 

@@ -159,10 +159,8 @@ def with_words(finding: Finding, adjustment: Adjustment) -> Finding:
         return finding
     # How far the distortion moves the middle of the image's shorter edge, in pixels of the calibrated images.
     k = adjustment.given.names.index(finding.camera)
-    camera, radial = (
-        adjustment.scene.calibrated.select((finding.camera,)),
-        float(finding.change[k, camera_changes.RADIAL]),
-    )
+    radial = float(finding.change[k, camera_changes.RADIAL])
+    camera = adjustment.scene.calibrated.select((finding.camera,))
     focal, edge = camera.K[0, 0, 0], 0.5 * float(camera.size.max())
     what = "wrong" if camera.distortion.any() else "ignored"
     words = (

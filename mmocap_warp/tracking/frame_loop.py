@@ -275,6 +275,9 @@ def _finished(
     repeated = repeated_views(read_ahead(masks()))
     at_once = np.logical_and.reduce(repeated, axis=1)
     frozen = repeated & ~at_once[:, None]
+    whole = beside if not repeated.any() else None
+    if beside and not whole:
+        beside.close()  # else two threads smooth at once
     silhouettes_of = body_silhouettes(result.subject, result.cameras)
 
     def shown(body: BodyBefore) -> Iterator[Observation]:
@@ -297,7 +300,6 @@ def _finished(
         return silhouettes_of(raw[:, place - 1])
 
     if config.acceleration:
-        whole = beside if not repeated.any() else None
         result = whole.of(result) if whole else smoothed(result, config, read_ahead(shown(of_raw)), progress)
         gc.collect()  # what was smoothed holds itself, and with it the fields of a window
     return with_evidence(result, config, read_ahead(shown(of_raw)))

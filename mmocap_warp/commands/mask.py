@@ -27,7 +27,7 @@ from mmocap_warp.scene.drafting import tracking_scale
 from mmocap_warp.scene.mask_writing import Refine, write_masks
 from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program, with_people
 from mmocap_warp.scene.recording import Scene
-from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.tracking.frame_loop import check_start
 from mmocap_warp.tracking.telling_apart import told_apart
 from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -152,8 +152,7 @@ def with_masks(scene: Scene, reporter: Reporter) -> Scene:
             reporter.warn(f"{folder}: {fault}")
         if not by_program:
             reporter.note(f"people: told apart by their poses; look at {made.overlay}")
-    frames = scene.frames
-    told = load_scene(folder, f"{frames.start}:{frames.stop}:{frames.step}")
+    told = scene_from(folder, scene.frames)
     return told.of_person(scene.person) if scene.of_several and scene.person else told
 
 
@@ -165,7 +164,10 @@ def _told_apart(scene: Scene, scale: float) -> Iterator[tuple[list[list[np.ndarr
     if lacks := [name for name, file in files.items() if file is None]:
         problem = f"labels that may be of several people need everybody's subject, and {lacks[0]} has none"
         raise InputError(scene.path, problem, f"fit one where they are apart, and name it in [people.{lacks[0]}]")
-    return told_apart(scene, [read_subject(file) for file in files.values() if file], config)
+    subjects = [read_subject(file) for file in files.values() if file]
+    for subject in subjects:
+        check_start(scene, subject)
+    return told_apart(scene, subjects, config)
 
 
 def _remedy(scene: Scene, folder: Path) -> str:

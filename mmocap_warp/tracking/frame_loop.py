@@ -140,7 +140,7 @@ def track(
         InputError: unreadable images, a checkpoint that is damaged, another run's or of another version, more than fits
             into the device's memory, or a subject that was fitted to another frame than the first.
     """
-    _check_start(scene, subject)
+    check_start(scene, subject)
     subject, _ = subject_carrying(subject, scene.attached)
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     rig, unit = scene.rig(config.scale), subject.body.unit
@@ -305,8 +305,8 @@ def _finished(
     return with_evidence(result, config, read_ahead(shown(of_raw)))
 
 
-def _check_start(scene: Scene, subject: Subject) -> None:
-    """See that a subject's pose is that of the first frame: where tracking starts elsewhere, it starts wrong."""
+def check_start(scene: Scene, subject: Subject) -> None:
+    """See that a subject's pose is that of the first frame, or raise InputError: elsewhere tracking starts wrong."""
     fitted = subject.provenance.get("fit.first_frame", 0)
     if fitted != scene.frames.start:
         raise InputError(

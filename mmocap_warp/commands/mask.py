@@ -142,7 +142,7 @@ def with_masks(scene: Scene, reporter: Reporter) -> Scene:
         return scene
     name = "masks" if by_program else "apart"
     folder = scene.directory / (name if scene.path.stem == "scene" else f"{scene.path.stem}-{name}")
-    # What program made them is not known; by poses they are made anew once scene or subjects have changed.
+    # A program's masks stay. Those by poses are made anew once the scene or a subject has changed.
     file, subjects = folder / "scene.toml", [person.subject for person in scene.people.values() if person.subject]
     since = [] if by_program else [each.stat().st_mtime for each in (scene.path, *subjects)]
     if not file.exists() or max(since, default=0) > file.stat().st_mtime:

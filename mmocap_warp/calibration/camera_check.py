@@ -47,7 +47,7 @@ _MIN_DISTANCE = CLEAR * STATED  # a frame's standard deviations, in the mean of 
 _PARAMETER_COST = 0.5  # cost in a frame that each parameter of a change explains by chance alone
 _TIE_RATIO = 0.85  # causes that explain this share of what the best one explains are as likely
 _LAG_FRAMES, _LAG_STRETCH = 48, 6  # frames whose lags are compared, and those of each stretch of the recording
-_LEAST_TOLD = 0.2  # share of what stretches tell of lags, in the median, below which one does not count
+_LEAST_CONTRAST = 0.2  # a stretch that tells lags apart by less than this share of the median does not count
 _MIN_COMMON = 0.7  # share of what distortions explain that a common one explains where all lenses lack it
 _MAX_RADIAL = 0.2  # standard deviation of the radial distortion k1 that a calibration lacks
 _FRAMES = 8  # frames in which silhouettes are compared with the hull of the others
@@ -159,10 +159,8 @@ def with_words(finding: Finding, adjustment: Adjustment) -> Finding:
         return finding
     # How far the distortion moves the middle of the image's shorter edge, in pixels of the calibrated images.
     k = adjustment.given.names.index(finding.camera)
-    camera, radial = (
-        adjustment.scene.calibrated.select((finding.camera,)),
-        float(finding.change[k, camera_changes.RADIAL]),
-    )
+    radial = float(finding.change[k, camera_changes.RADIAL])
+    camera = adjustment.scene.calibrated.select((finding.camera,))
     focal, edge = camera.K[0, 0, 0], 0.5 * float(camera.size.max())
     what = "wrong" if camera.distortion.any() else "ignored"
     words = (
@@ -181,8 +179,8 @@ def changing_lags(adjustment: Adjustment, change: np.ndarray, person: Person) ->
     numbers = scene.first_frame + frames * scene.fps / adjustment.footage.fps
     middles = np.array([numbers[part].mean() for part in stretches])
     costs = np.stack([costs[:, part].sum(axis=1) for part in stretches], axis=1)
-    told = (costs.mean(axis=0) - costs.min(axis=0)).sum(axis=1)  # little where the person stands still
-    moving = told > _LEAST_TOLD * np.median(told)
+    contrast = (costs.mean(axis=0) - costs.min(axis=0)).sum(axis=1)  # little where the person stands still
+    moving = contrast >= _LEAST_CONTRAST * np.median(contrast)
     findings = []
     for k, source in enumerate(scene.cameras):
         lags = np.array([peak(-each) for each in costs[:, moving, k].T]) - len(costs) // 2

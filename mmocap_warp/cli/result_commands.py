@@ -113,7 +113,7 @@ def _together(answers: Mapping[str, Answer]) -> Answer:
 
 
 def _doubt_together(done: dict[str, tuple[Path, Result]], console: Console) -> None:
-    """Doubt all people where one is in doubt: what that one's pose does not explain was given to another."""
+    """Doubt all people, as much, where one is in doubt: what that one's pose does not explain was given to another."""
     import numpy as np
 
     from mmocap_warp.formats.usd.usd_result import write_result
@@ -121,11 +121,15 @@ def _doubt_together(done: dict[str, tuple[Path, Result]], console: Console) -> N
 
     tracked, partial_ = STATUS.index("tracked"), STATUS.index("partial")
     doubted = np.logical_or.reduce([result.status != tracked for _, result in done.values()])
+    sigmas = [result.joint_sigma for _, result in done.values() if result.joint_sigma is not None]
+    worst = np.max([np.square(each).mean(axis=3).max(axis=2) ** 0.5 for each in sigmas], axis=0, initial=0.0)
+    worst = np.where(doubted, worst, 0.0)[..., None, None]  # of all joints, as large as the largest of anybody
     for name, (file, result) in done.items():
         status = np.where(doubted & (result.status == tracked), partial_, result.status).astype(result.status.dtype)
-        done[name] = file, replace(result, status=status)
+        sigma = None if result.joint_sigma is None else np.maximum(result.joint_sigma, worst)
+        done[name] = file, replace(result, status=status, joint_sigma=sigma)
         write_result(*done[name])
-    console.note(f"people: {int(doubted.any(axis=0).sum())} frames are partial for all, because one is in doubt there")
+    console.note(f"people: in {int(doubted.any(axis=0).sum())} frames one is in doubt, and so are all")
 
 
 def _of_person(output: Path, name: str) -> Path:

@@ -348,9 +348,9 @@ def _planned(
 
 def _facts_of(files: list[Path]) -> list[dict[str, Any] | str]:
     """What a result depends on of each scene, or why it cannot be read; of many scenes by a process on each core."""
-    if len(files) > _MANY:
-        with suppress(BrokenProcessPool), ProcessPoolExecutor(available_threads(), forks_of(__name__)) as processes:
-            return list(processes.map(_facts, files, chunksize=_MANY // 4))
+    if len(files) > _MANY:  # by 61 processes at most: Windows allows a pool no more
+        with suppress(BrokenProcessPool), ProcessPoolExecutor(min(61, available_threads()), forks_of(__name__)) as pool:
+            return list(pool.map(_facts, files, chunksize=_MANY // 4))
     return list(map(_facts, files))
 
 

@@ -27,7 +27,7 @@ from mmocap_warp.scene.drafting import tracking_scale
 from mmocap_warp.scene.mask_writing import Refine, write_masks
 from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program, with_people
 from mmocap_warp.scene.recording import Scene
-from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.tracking.frame_loop import check_start
 from mmocap_warp.tracking.telling_apart import told_apart
 from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -142,7 +142,7 @@ def with_masks(scene: Scene, reporter: Reporter) -> Scene:
         return scene
     name = "masks" if by_program else "apart"
     folder = scene.directory / (name if scene.path.stem == "scene" else f"{scene.path.stem}-{name}")
-    # What program made them is not known; by poses they are made anew once scene or subjects have changed.
+    # A program's masks stay. Those by poses are made anew once the scene or a subject has changed.
     file, subjects = folder / "scene.toml", [person.subject for person in scene.people.values() if person.subject]
     since = [] if by_program else [each.stat().st_mtime for each in (scene.path, *subjects)]
     if not file.exists() or max(since, default=0) > file.stat().st_mtime:
@@ -152,8 +152,7 @@ def with_masks(scene: Scene, reporter: Reporter) -> Scene:
             reporter.warn(f"{folder}: {fault}")
         if not by_program:
             reporter.note(f"people: told apart by their poses; look at {made.overlay}")
-    frames = scene.frames
-    told = load_scene(folder, f"{frames.start}:{frames.stop}:{frames.step}")
+    told = scene_from(folder, scene.frames)
     return told.of_person(scene.person) if scene.of_several and scene.person else told
 
 
@@ -165,7 +164,10 @@ def _told_apart(scene: Scene, scale: float) -> Iterator[tuple[list[list[np.ndarr
     if lacks := [name for name, file in files.items() if file is None]:
         problem = f"labels that may be of several people need everybody's subject, and {lacks[0]} has none"
         raise InputError(scene.path, problem, f"fit one where they are apart, and name it in [people.{lacks[0]}]")
-    return told_apart(scene, [read_subject(file) for file in files.values() if file], config)
+    subjects = [read_subject(file) for file in files.values() if file]
+    for subject in subjects:
+        check_start(scene, subject)
+    return told_apart(scene, subjects, config)
 
 
 def _remedy(scene: Scene, folder: Path) -> str:

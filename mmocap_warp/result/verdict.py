@@ -31,13 +31,13 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
 
     ``frames`` counts those that show anything new, and ``trusted`` those of them that are ``tracked`` or ``rescued``,
     or ``partial`` with no part of the body in doubt, in two views or more, with at most half of the body in doubt. None
-    is where a camera is over 35 mm off, 15 of three or where most are, where there is a ``problem``: masks and
-    calibration fit no body, and were trusted all the same, or where the fit left it ``undecided`` how the body stands.
-    ``holds`` says whether most are. ``parts`` has the numbers of the frames in which a part's joints may be over 100 mm
-    off, by part; ``cameras`` by how much each camera that disagrees with the others does [mm]; ``repeated`` how many
-    frames repeat the one before; ``frozen`` the numbers of the frames in which a camera repeats its image while the
-    others go on, by camera. ``lines`` say all that in words. ``next`` is the command that may mend the result, where
-    one is needed and the ``scene`` is known. ``unlike`` says whether the fit made the body very unlike its kind.
+    is trusted where a camera is over 35 mm off (15 with three cameras or fewer, or if most are off), where the fit left
+    it ``undecided`` how the body stands, or where masks and calibration fit no body, which is the ``problem``.
+    ``holds`` says whether most are trusted, ``unlike`` whether the fit made the body very unlike its kind. ``parts``
+    has the numbers of the frames in which a part's joints may be over 100 mm off, by part; ``cameras`` by how much each
+    camera that disagrees with the others does [mm]; ``repeated`` how many frames repeat the one before; ``frozen`` the
+    numbers of the frames in which a camera repeats its image while the others go on, by camera. ``lines`` say all that
+    in words. ``next`` is the command that may mend the result, where one is needed and the ``scene`` is known.
     """
     best, numbers = result.best_run, result.frame_numbers
     skeleton, size = result.subject.body.skeleton, result.subject.body.relative_size

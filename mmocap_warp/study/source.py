@@ -168,7 +168,7 @@ def _subject_file(scene: Scene) -> Path:
 def _images(scene: Scene, k: int) -> list:
     """Which frames camera ``k`` has: names relative to the scene and sizes, and how they are placed."""
     camera = scene.cameras[k]
-    prefix = cache(lambda folder: (Path(os.path.relpath(folder, scene.directory)) / "_").as_posix()[:-1])
+    prefix = cache(lambda folder: (Path(os.path.relpath(folder or ".", scene.directory)) / "_").as_posix()[:-1])
     files = [
         (prefix(folder) + name, os.stat(file).st_size)
         for frames in (camera.video, camera.masks, camera.clean_plate, camera.background)

@@ -18,7 +18,7 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.code_hash import code_hash
 from mmocap_warp.device.resolve import resolve_device
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.scene.camera_source import CameraSource
 from mmocap_warp.scene.recording import Scene
@@ -186,12 +186,10 @@ class Checkpoint:
         new = b"".join(self._records[self._saved : frames])
         if not new:
             return
-        place = (
-            _packed(self._memory_record, {"frames": frames, "memory": tuple(memory.values())})
-            if self._memories
-            else b""
-        )
-        try:
+        record = {"frames": frames, "memory": tuple(memory.values())}
+        place = _packed(self._memory_record, record) if self._memories else b""
+        problem, remedy = "cannot be written ({error})", "check its folder's permissions and free space"
+        with input_errors(self._path, problem, remedy, OSError):
             if self._saved:
                 with self._path.open("r+b") as file:
                     file.seek(self._first + self._saved * self._record.itemsize)
@@ -203,10 +201,6 @@ class Checkpoint:
                 temporary = self._path.with_name(self._path.name + ".part")
                 temporary.write_bytes(self._header + place * self._memories + new)
                 os.replace(temporary, self._path)
-        except OSError as error:
-            raise InputError(
-                self._path, f"cannot be written ({error})", "check its folder's permissions and free space"
-            ) from error
         self._turn = 1 - self._turn
         self._saved = frames
         self._due = time.monotonic() + _INTERVAL

@@ -140,7 +140,7 @@ def track(
         InputError: unreadable images, a checkpoint that is damaged, another run's or of another version, more than fits
             into the device's memory, or a subject that was fitted to another frame than the first.
     """
-    _check_start(scene, subject)
+    check_start(scene, subject)
     subject, _ = subject_carrying(subject, scene.attached)
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     rig, unit = scene.rig(config.scale), subject.body.unit
@@ -275,6 +275,9 @@ def _finished(
     repeated = repeated_views(read_ahead(masks()))
     at_once = np.logical_and.reduce(repeated, axis=1)
     frozen = repeated & ~at_once[:, None]
+    whole = beside if not repeated.any() else None
+    if beside and not whole:
+        beside.close()  # else two threads smooth at once
     silhouettes_of = body_silhouettes(result.subject, result.cameras)
 
     def shown(body: BodyBefore) -> Iterator[Observation]:
@@ -297,14 +300,13 @@ def _finished(
         return silhouettes_of(raw[:, place - 1])
 
     if config.acceleration:
-        whole = beside if not repeated.any() else None
         result = whole.of(result) if whole else smoothed(result, config, read_ahead(shown(of_raw)), progress)
         gc.collect()  # what was smoothed holds itself, and with it the fields of a window
     return with_evidence(result, config, read_ahead(shown(of_raw)))
 
 
-def _check_start(scene: Scene, subject: Subject) -> None:
-    """See that a subject's pose is that of the first frame: where tracking starts elsewhere, it starts wrong."""
+def check_start(scene: Scene, subject: Subject) -> None:
+    """See that a subject's pose is that of the first frame, or raise InputError: elsewhere tracking starts wrong."""
     fitted = subject.provenance.get("fit.first_frame", 0)
     if fitted != scene.frames.start:
         raise InputError(

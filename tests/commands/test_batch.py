@@ -109,6 +109,19 @@ def test_settings_are_those_of_the_last_pattern_that_matches(whole):
     assert [configs[name][key] for name in configs for key in ("evaluations", "seed")] == [40, 3, 30, 0]
 
 
+def test_many_scenes_are_read_by_processes_as_by_this_one(made, monkeypatch):
+    """On a machine of any size: Windows allows a pool 61 processes."""
+    files, asked = [made / name / "scene.toml" for name in ("a/one", "a/two", "b", "broken", "b/made")], []
+    alone = module._facts_of(files)
+    assert [type(each) for each in alone] == [dict, dict, dict, str, str]
+    pool = module.ProcessPoolExecutor
+    monkeypatch.setattr(module, "_MANY", 4)
+    monkeypatch.setattr(module, "available_threads", lambda: 128)
+    monkeypatch.setattr(module, "ProcessPoolExecutor", lambda count, context: asked.append(count) or pool(1, context))
+    assert module._facts_of(files) == alone
+    assert asked == [61]
+
+
 def test_the_page_has_a_row_for_each_with_a_link_to_its_view(whole):
     output, done = whole
     page = Page(done.page.read_text(encoding="utf-8"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -204,6 +205,16 @@ def test_an_identity_follows_what_a_result_depends_on_and_nothing_else(scene, tm
         changed = clip_facts(Clip("Walk", moved)).identity
         assert changed != one
         one = changed
+
+
+def test_files_may_lie_in_the_folder_that_the_program_was_started_in(tmp_path, monkeypatch):
+    scene = write_scene(tmp_path / "here", frames=2)
+    text = scene.read_text().replace('masks = "masks/cam03"', 'masks = "masks/cam03"\nclean_plate = "plate.png"')
+    scene.write_text(text)
+    shutil.copy(scene.parent / "masks" / "cam03" / "000000.png", scene.with_name("plate.png"))
+    whole = clip_facts(Clip("Walk", scene))
+    monkeypatch.chdir(scene.parent)
+    assert clip_facts(Clip("Walk", Path("scene.toml"))) == whole
 
 
 def test_a_key_follows_what_a_result_depends_on(tmp_path, monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -107,7 +108,10 @@ def test_a_frozen_view_is_left_out_and_named():
         frozen[i].words[3] = seen[3].words[3]
     misled = tracked(poses=truth + np.eye(SUBJECT.pose.size)[0] * 0.1 * (np.arange(FRAMES)[:, None] > 3))
     for config in (CONFIG, replace(CONFIG, smooth=0.0)):
-        result = _finished(misled, config, lambda: frozen, None)
+        closed = []  # what smooths meanwhile smooths a track that is not wanted
+        beside = SimpleNamespace(close=lambda closed=closed: closed.append(True))
+        result = _finished(misled, config, lambda: frozen, None, beside)
+        assert closed == [True]
         assert result.config["frozen_views"] == {"cam04": list(range(4, 15))}
         assert np.isnan(result.iou[0, 4:15, 3]).all()
         assert result.frame_numbers.tolist() == list(range(FRAMES))

@@ -15,7 +15,9 @@ from mmocap_warp.commands import mask as mask_command
 from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.mask import mask
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.formats.usd.usd_result import read_result
+from mmocap_warp.result.verdict import verdict
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.synthesis.writing import write_made_scene
 from mmocap_warp.tracking import telling_apart
@@ -92,15 +94,34 @@ def test_people_are_told_apart_once_and_again_after_a_subject_has_changed(tmp_pa
     assert len(notes) == 2
 
 
+def test_subjects_are_those_of_the_first_frame(tmp_path):
+    """Wherever they stand later, the trackers would start there."""
+    scene, late = made(tmp_path / "scene", [(-0.8, 0.8)] * 3), synthetic_result(2).subject
+    write_subject(tmp_path / "late.usdc", replace(late, provenance=late.provenance | {"fit.first_frame": 1}))
+    subject = tmp_path / "late.usdc"
+    everybody = {name: replace(person, subject=subject) for name, person in scene.people.items()}
+    with pytest.raises(InputError, match="fitted to frame 1, but tracking begins with frame 0"):
+        mask(replace(scene, people=everybody), tmp_path / "masks")
+    assert not (tmp_path / "masks").exists()
+
+
 def test_a_frame_in_which_one_is_in_doubt_is_in_doubt_for_all(tmp_path):
+    """Also for the verdict, which trusts a frame that is partial for want of a view alone."""
     results = [
         replace(synthetic_result(4, runs=1), status=np.array([row], np.int8)) for row in ([0, 1, 0, 0], [0, 0, 0, 2])
     ]
+    trusted = verdict(results[1])["trusted"]
+    sigma = np.full((1, 4, len(results[0].subject.body.skeleton.joints), 3), 0.01)
+    unsure = sigma.copy()
+    unsure[0, 1, 3] = 0.15
+    results = [replace(each, joint_sigma=own) for each, own in zip(results, (unsure, sigma), strict=True)]
     done = {name: (tmp_path / f"{name}.usdc", each) for name, each in zip(("anna", "ben"), results, strict=True)}
     _doubt_together(done, Console())
     for name, status in (("anna", [0, 1, 0, 1]), ("ben", [0, 1, 0, 2])):
         np.testing.assert_array_equal(done[name][1].status, [status])
         np.testing.assert_array_equal(read_result(tmp_path / f"{name}.usdc").status, [status])
+    np.testing.assert_allclose(done["ben"][1].joint_sigma[0].max(axis=(1, 2)), (0.01, 0.15, 0.01, 0.01))
+    assert [verdict(done["ben"][1])["trusted"], verdict(results[1])["trusted"]] == [trusted - 1, trusted]
 
 
 def test_blobs_are_split_by_where_everybody_was_in_the_frame_before(tmp_path, monkeypatch):

@@ -18,7 +18,7 @@ FAR = 1.0
 UNSEEN = 14.4
 """Standard deviation of an acceleration that no frame shows [m/s^2], as large as that of hands and feet that move."""
 USUAL_RATE = 60.0
-"""Frames a second. At lower rates a difference of velocities is a mean over longer, and varies by the rate's root."""
+"""Frames a second. At lower rates a difference of velocities is over longer, and varies with the root of the rate."""
 AROUND = np.array([1, 4, 6, 4, 1]) / 16
 """Of errors of consecutive frames in the mean that says how far the middle one is."""
 HELD = 2 + len(AROUND) // 2

@@ -91,11 +91,10 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndar
     # The lags of each view in stretches of the recording.
     stretches = min(_STRETCHES, hulls.judged // _MIN_STRETCH)
     courses = [hulls.course(view, offsets, stretches) for view in range(len(views))]
-    scatter = np.array([course.scatter for course in courses])
-    known = stretches >= MIN_STRETCHES
-    return HullOffsets(
-        offsets, spread, courses, margin(scatter / np.sqrt(stretches - 1), stretches) if known else float("inf")
-    )
+    if stretches < MIN_STRETCHES:
+        return HullOffsets(offsets, spread, courses, float("inf"))
+    sigma = np.array([course.scatter for course in courses]) / np.sqrt(stretches - 1)
+    return HullOffsets(offsets, spread, courses, margin(sigma, stretches))
 
 
 class HullAgreement:

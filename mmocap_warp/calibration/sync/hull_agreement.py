@@ -142,12 +142,10 @@ class HullAgreement:
 
     def course(self, view: int, offsets: np.ndarray, stretches: int) -> LagCourse:
         """The course of a view's lag beyond its offset, from its best lags in stretches of the recording."""
-        shares, middles, lags = self._shares(view, offsets), [], []
-        for part in np.array_split(np.arange(self.judged), min(stretches, max(1, self.judged))):
-            fit = _smooth_mean(shares[part])
-            lags.append(self._about[view] - self._reach + peak(fit))
-            middles.append(self._frame[part].mean())
-        return lag_course(np.array(middles), np.array(lags) - offsets[view])
+        shares = self._shares(view, offsets)
+        parts = np.array_split(np.arange(self.judged), min(stretches, max(1, self.judged)))
+        lags = self._about[view] - self._reach + np.array([peak(_smooth_mean(shares[part])) for part in parts])
+        return lag_course(np.array([self._frame[part].mean() for part in parts]), lags - offsets[view])
 
     def _shares(self, view: int, offsets: np.ndarray) -> np.ndarray:
         """(frame, lag), NaN where the view or the others' hull shows nobody."""

@@ -60,9 +60,8 @@ def _posing(load: Workload, candidates: int, device: str) -> Case:
         apart = float(np.abs(posed.numpy() - load.vertices(poses)).max())
         return Check(f"within {apart * 1e6:.1f} µm of the viewers' kernels", apart <= POSED_APART)
 
-    return Case(
-        KERNELS, "posing and skinning", {"candidates": candidates, "vertices": vertices}, work, check, candidates
-    )
+    sizes = {"candidates": candidates, "vertices": vertices}
+    return Case(KERNELS, "posing and skinning", sizes, work, check, candidates)
 
 
 def _drawing(load: Workload, renderer: str, posed: wp.array, device: str) -> tuple[partial, wp.array]:

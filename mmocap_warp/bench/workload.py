@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import warp as wp
@@ -18,7 +19,6 @@ from mmocap_warp.silhouettes.objective import Objective
 CAMERAS, SIZE = 7, (640, 480)
 _DISTANCE, _EYE, _MIDDLE = 4.15, 1.4, 0.9  # [m] of the cameras from the body, their height, and the height they look at
 _SPREAD = 0.05  # standard deviation of poses [rad, m]
-_FPS = 60.0
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Workload:
 
     body: BodyModel  # its tracking mesh is drawn
     rig: CameraRig  # undistorted
+    fps: ClassVar[float] = 60.0  # frame rate that a tracker takes its search radius from
 
     @cached_property
     def sizes(self) -> dict[str, int]:
@@ -53,11 +54,6 @@ class Workload:
     def subject(self) -> Subject:
         """Where a search starts: beside what is seen."""
         return Subject(self.body, np.eye(3), self.poses(1, seed=2)[0].astype(float), {})
-
-    @property
-    def fps(self) -> float:
-        """Frame rate that a tracker takes its search radius from."""
-        return _FPS
 
     def poses(self, candidates: int, seed: int = 0) -> np.ndarray:
         """(candidate, coordinate) float32: standing upright, and a little different in everything."""

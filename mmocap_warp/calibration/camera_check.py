@@ -159,8 +159,8 @@ def with_words(finding: Finding, adjustment: Adjustment) -> Finding:
         return finding
     # How far the distortion moves the middle of the image's shorter edge, in pixels of the calibrated images.
     k = adjustment.given.names.index(finding.camera)
-    radial = float(finding.change[k, camera_changes.RADIAL])
     camera = adjustment.scene.calibrated.select((finding.camera,))
+    radial = float(finding.change[k, camera_changes.RADIAL])
     focal, edge = camera.K[0, 0, 0], 0.5 * float(camera.size.max())
     what = "wrong" if camera.distortion.any() else "ignored"
     words = (
@@ -329,12 +329,9 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
         best = max(options, key=_likelihood)
         if 2 * best.gain < _MIN_DISTANCE**2 * len(best.parameters):
             break
-        ties = [
-            each
-            for each in options
-            if each.camera == best.camera and each.cause != _MOVED and each.gain > _TIE_RATIO * best.gain
-        ]
-        chosen[best.camera] = best._replace(others=tuple(each.cause for each in ties if each.cause != best.cause))
+        as_likely = [each for each in options if each.camera == best.camera and each.gain > _TIE_RATIO * best.gain]
+        others = tuple(each.cause for each in as_likely if each.cause not in (_MOVED, best.cause))
+        chosen[best.camera] = best._replace(others=others)
         held += best.parameters
         before = gain_of(held)
     # The chosen changes together.

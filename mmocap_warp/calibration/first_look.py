@@ -171,21 +171,16 @@ def _mask_fault(scene: Scene, rig: CameraRig, frames: Sequence[list[np.ndarray]]
     shares = np.array([[mask.mean() for mask in masks] for masks in frames])
     for name, share in zip(rig.names, np.median(shares, axis=0), strict=True):
         if share > _FULL:
-            return (
-                f"{name}'s masks are {100 * share:.0f} % foreground: are black and white exchanged?",
-                f"foreground must be white; {remedy}",
-            )
+            problem = f"{name}'s masks are {100 * share:.0f} % foreground: are black and white exchanged?"
+            return problem, f"foreground must be white; {remedy}"
     if ((shares > 0).sum(axis=1) < 2).all():
         empty = ", ".join(name for name, share in zip(rig.names, shares.T, strict=True) if not share.any())
         problem = f"no two views show anybody in {len(frames)} frames{f'; {empty} show nobody at all' * bool(empty)}"
         return problem, _STAYS * (scene.foreground.source == "recording") + remedy
     # Two blobs of about equal size, in most views most of the time, are two people.
     scale = float(rig.size.max() / scene.calibrated.size.max())
-    several = [
-        np.mean([rivals(mask, scene.foreground.join * scale) is not None for mask in masks if mask.any()])
-        for masks in frames
-        if any(mask.any() for mask in masks)
-    ]
+    seen = filter(None, ([mask for mask in masks if mask.any()] for masks in frames))
+    several = [np.mean([rivals(mask, scene.foreground.join * scale) is not None for mask in masks]) for masks in seen]
     if np.median(several) > _TWO_PEOPLE:
         remedy = 'choose one with --identity, or set [foreground] keep = "nearest" to follow one'
         return "the masks show two people (or two parts) of about equal size in most views", remedy

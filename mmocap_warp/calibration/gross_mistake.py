@@ -100,13 +100,8 @@ class Silhouettes:
                 _, label, boxes, _ = cv2.connectedComponentsWithStats(grown[k])
                 largest = np.argwhere(label == 1 + np.argmax(boxes[1:, cv2.CC_STAT_AREA])).astype(np.float32)
                 diameters[k] = 2 * cv2.minEnclosingCircle(cv2.convexHull(largest))[1]
-        return cls(
-            np.flatnonzero(np.isfinite(diameters)).tolist(),
-            [mask.astype(bool) for mask in grown],
-            centroids,
-            pixels,
-            diameters,
-        )
+        seeing = np.flatnonzero(np.isfinite(diameters)).tolist()
+        return cls(seeing, [mask.astype(bool) for mask in grown], centroids, pixels, diameters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,10 +192,8 @@ def _repairs(rig: CameraRig) -> Iterator[tuple[Mistake, CameraRig]]:
     for pair in combinations(cameras, 2):
         order = np.array(cameras)
         order[list(pair)] = pair[::-1]
-        yield (
-            Mistake((rig.names[pair[0]], rig.names[pair[1]]), SWAPPED),
-            replace(rig, K=rig.K[order], R=rig.R[order], t=rig.t[order]),
-        )
+        names = rig.names[pair[0]], rig.names[pair[1]]
+        yield Mistake(names, SWAPPED), replace(rig, K=rig.K[order], R=rig.R[order], t=rig.t[order])
 
 
 def _inverted(rig: CameraRig, some: list[int]) -> CameraRig:

@@ -18,7 +18,7 @@ from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.study.sequences import StudySequence
 from mmocap_warp.study.source import OpenClip, open_sequence
-from mmocap_warp.synthesis.bystanders import PasserBy, furniture, furniture_place
+from mmocap_warp.synthesis.bystanders import PasserBy, furniture
 from mmocap_warp.synthesis.footage.together import Together, places, shifted_truth
 from mmocap_warp.synthesis.writing import Progress, write_made_scene
 
@@ -95,8 +95,7 @@ def passed_by(clip: OpenClip, labelled: bool = False) -> OpenClip:
 
 def furnished(clip: OpenClip, labelled: bool = False) -> OpenClip:
     """A chest stands there that the background was taken without: it is foreground in every frame."""
-    circle = _clear_circle(clip)
-    chest, place = furniture(clip.rig, *circle), furniture_place(clip.rig, *circle)
+    chest, place = furniture(clip.rig, *_clear_circle(clip))
     return _with_others(clip, lambda _: chest, lambda _: place, labelled)
 
 
@@ -132,10 +131,7 @@ _STEPS: dict[str, tuple[Step, str]] = {  # in the order in which they are done, 
     "furniture": (lambda clip, amount, seed, labelled: furnished(clip, labelled), ""),
     "fps": (lambda clip, amount, seed, labelled: fewer_frames(clip, amount), "RATE"),
     "views": (lambda clip, amount, seed, labelled: fewer_views(clip, round(amount)), "COUNT"),
-    "cut": (
-        lambda clip, amount, seed, labelled: cut_out(clip, min(round(min(amount, 1e6)), len(clip.rig)), labelled),
-        "VIEWS",
-    ),
+    "cut": (lambda clip, amount, seed, labelled: cut_out(clip, round(min(amount, 1e6)), labelled), "VIEWS"),
     "calibration": (lambda clip, amount, seed, labelled: wrong_calibration(clip, amount, seed), "PIXELS"),
     "labelled": (lambda clip, amount, seed, labelled: clip, ""),
 }

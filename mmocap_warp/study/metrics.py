@@ -61,10 +61,9 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         markers = marker_errors(result, truth, mine, theirs)
         per_frame["eq20_as_printed"] = pose_errors.on_all_frames(markers.as_printed, mine, result)
         per_frame["marker_error"] = pose_errors.on_all_frames(markers.from_own_answer, mine, result)
-        floors = (
-            pose_errors.nanmean(each, axis=0) for each in (markers.as_printed_floor, markers.from_own_answer_floor)
-        )
-        of_truth = dict(zip(_OF_TRUTH, (*map(float, floors), markers.left_out), strict=True))
+        both = markers.as_printed_floor, markers.from_own_answer_floor
+        floors = (float(pose_errors.nanmean(each, axis=0)) for each in both)
+        of_truth = dict(zip(_OF_TRUTH, (*floors, markers.left_out), strict=True))
         limb_lost = _judge_joints(result, joints[:, mine], truth, mine, theirs, per_frame)
         grown = pose_errors.growth(per_frame["mpjpe"][:, mine])
     per_frame |= {"iou": pose_errors.nanmean(result.iou, axis=2), "cost": result.cost}
@@ -80,9 +79,8 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         "seconds": np.full(shape[0], result.seconds),
         "evaluations": result.evaluations.sum(axis=1),
     }
-    kinds: tuple[tuple[Metrics, type], ...] = (per_frame, np.float32), (per_run, np.float64)
-    in_kind, once = ({name: np.asarray(each).astype(kind) for name, each in of.items()} for of, kind in kinds)
-    return in_kind, once
+    single = {name: np.asarray(each, np.float32) for name, each in per_frame.items()}
+    return single, {name: np.asarray(each, np.float64) for name, each in per_run.items()}
 
 
 def jerk(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarray:
@@ -149,10 +147,8 @@ def _judge_joints(
     known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
     tracked = np.stack([_tracked(result, joints, mine, name) for name in names], axis=2)
     distance = np.linalg.norm(tracked - known, axis=-1)  # (run, common frame, joint)
-    errors = {
-        "joint_error": pose_errors.nanmean(distance, axis=2),
-        "mpjpe": pose_errors.nanmean(distance[..., limbs], axis=2),
-    }
+    means = {"joint_error": distance, "mpjpe": distance[..., limbs]}
+    errors = {name: pose_errors.nanmean(each, axis=2) for name, each in means.items()}
     errors["pa_mpjpe"] = pose_errors.aligned_error(tracked[:, :, limbs], known[:, limbs])
     per_frame |= {name: pose_errors.on_all_frames(error, mine, result) for name, error in errors.items()}
     lost = (distance[..., ends] > pose_errors.LOST_LIMB).any(axis=2).sum(axis=1)

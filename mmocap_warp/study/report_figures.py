@@ -1,12 +1,12 @@
 """The report's figures: ranks beside the paper's, Fig. 7's box plots, Fig. 10's curves, error and time by budget."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
-from itertools import product
 
 import numpy as np
 
 from mmocap_warp.display import chart
+from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.study import paper
 from mmocap_warp.study.report_parts import Html, fill
 from mmocap_warp.study.study_tables import Ranking
@@ -114,7 +114,7 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
                 step = -(-len(cell.frames) // _CURVE_POINTS)
                 if step > 1:
                     starts = range(0, len(values), step)
-                    values = np.array([_mean_known(values[start : start + step]) for start in starts])
+                    values = np.array([nanmean(values[start : start + step], axis=0) for start in starts])
                 points[who.algorithm] = cell.frames[::step], values, cell.frames[-1]
     if not points.keys() & set(study.algorithms):
         return ""
@@ -130,7 +130,7 @@ def growth_figure(study: StudySummary, measure: Measure, dof: int, budget: int) 
     for who in _drawn_curves(study, dof, budget):
         curves = [cell.curve[measure.key] for cell in study.cells_of([who], measure) if measure.key in cell.curve]
         if len(curves) == len(study.sequences) and min(len(values) for values in curves) >= _TENTHS:
-            means = [[_mean_known(part) for part in np.array_split(values, _TENTHS)] for values in curves]
+            means = [[nanmean(part, axis=0) for part in np.array_split(values, _TENTHS)] for values in curves]
             points[who.algorithm] = np.arange(_TENTHS) * 10.0 + 5, np.mean(means, axis=0)
     if not points.keys() & set(study.algorithms):
         return ""
@@ -178,9 +178,8 @@ def time_error_figure(study: StudySummary, measure: Measure) -> str:
     parts.append(chart.line((x.at(theirs), top), (x.at(theirs), bottom), "mark"))
     parts.append(chart.text((x.at(theirs) - 6, bottom - 8), "the paper, 500 evaluations", anchor="end"))
     for name, places in placed.items():
-        parts.append(
-            _marked(name, (chart.curve(x, y, places) if len(places) > 1 else "") + chart.dots(x, y, places, 4.5))
-        )
+        curve = chart.curve(x, y, places) if len(places) > 1 else ""
+        parts.append(_marked(name, curve + chart.dots(x, y, places, 4.5)))
     ours = {name: places for name, places in placed.items() if name not in study.algorithms}
     parts += _names_beside({name: [(x.at(a), y.at(b)) for a, b in places] for name, places in ours.items()})
     words = baseline_words(study, measure)
@@ -202,9 +201,8 @@ def _names_beside(dots_of: dict[str, list[tuple[float, float]]]) -> list[str]:
     """Names by the first dot (x, y) of each algorithm: right of it, left of it or above it, where no other dot is."""
     every = [dot for places in dots_of.values() for dot in places]
     parts, below = [], {"start": -np.inf, "end": -np.inf, "middle": -np.inf}
-    for name, (across, height) in sorted(
-        ((name, places[0]) for name, places in dots_of.items()), key=lambda dot: dot[1][1]
-    ):
+    first = {name: places[0] for name, places in dots_of.items()}
+    for name, (across, height) in sorted(first.items(), key=lambda dot: dot[1][1]):
         apart = [x - across for x, y in every if abs(y - height) < _NAME_HEIGHT]
         anchor, x, y = "middle", across, height - 13
         if not any(0 < away < _NAME_WIDTH for away in apart):
@@ -218,21 +216,21 @@ def _names_beside(dots_of: dict[str, list[tuple[float, float]]]) -> list[str]:
 
 def budget_figure(study: StudySummary, measure: Measure, dof: int) -> str:
     """The mean over sequences and runs against the budget, a curve per algorithm that has tracked them all."""
-    points = {
-        name: [(budget, study.level(Contender(name, dof, budget), measure)) for budget in study.budgets]
-        for name in study.algorithms
-    }
-    return _by_budget(study, points, measure.title, f"{measure.label} by budget, {dof} DOF")
+
+    def level(name: str, budget: int) -> float:
+        return study.level(Contender(name, dof, budget), measure)
+
+    return _by_budget(study, level, measure.title, f"{measure.label} by budget, {dof} DOF")
 
 
 def time_figure(study: StudySummary, dof: int) -> str:
     """Milliseconds per frame and run against the budget, a curve per algorithm."""
-    points: dict[str, list[tuple[int, float]]] = {name: [] for name in study.algorithms}
-    for name, budget in product(study.algorithms, study.budgets):
+
+    def milliseconds(name: str, budget: int) -> float:
         of = study.of_grid(algorithm=name, dof=dof, evaluations=budget)
-        times = [1000 * seconds_per_frame(cell) for cell in of]
-        points[name].append((budget, float(np.mean(times)) if times else np.nan))
-    return _by_budget(study, points, "ms per frame and run", f"Time per frame by budget, {dof} DOF")
+        return float(np.mean([1000 * seconds_per_frame(cell) for cell in of])) if of else np.nan
+
+    return _by_budget(study, milliseconds, "ms per frame and run", f"Time per frame by budget, {dof} DOF")
 
 
 def seconds_per_frame(cell: CellSummary) -> float:
@@ -252,9 +250,11 @@ def mark_class(name: str) -> str:
     return "a-" + name.replace("+", "-")
 
 
-def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], unit: str, label: str) -> str:
+def _by_budget(study: StudySummary, value_of: Callable[[str, int], float], unit: str, label: str) -> str:
     width, height, bottom = 470.0, 258.0, 210.0
-    known = [value for measured in points.values() for _, value in measured if np.isfinite(value)]
+    values = {name: [(budget, value_of(name, budget)) for budget in study.budgets] for name in study.algorithms}
+    points = {name: [point for point in of if np.isfinite(point[1])] for name, of in values.items()}
+    known = [value for measured in points.values() for _, value in measured]
     if not known:
         return ""
     high = max(known)
@@ -262,8 +262,7 @@ def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], 
     y = chart.axis(low, high * 1.04, bottom, _TOP)
     x = chart.Axis(0.0, study.budgets[-1] * 1.04, _LEFT, width - _RIGHT, tuple(study.budgets))
     parts = [chart.axes(x, y, "evaluations per frame", unit)]
-    for name in reversed(points):
-        measured = [(budget, value) for budget, value in points[name] if np.isfinite(value)]
+    for name, measured in reversed(points.items()):
         parts.append(_marked(name, chart.curve(x, y, measured) + chart.dots(x, y, measured)))
     return chart.figure((width, height), label, parts)
 
@@ -275,8 +274,3 @@ def _spread_axis(spread: np.ndarray, measure: Measure, bottom: float) -> chart.A
         high, quartile = spread[:, 4].max(), spread[:, 1].min()
         low = max(spread[:, 0].min(), quartile - (_WHISKER_REACH - 1) * (high - quartile))
     return chart.axis(float(low), float(high), bottom, _TOP)
-
-
-def _mean_known(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else np.nan

@@ -95,7 +95,8 @@ def side_by_side(study: StudySummary, sequence: str, dof: int, budget: int, clip
         return []
     fullest = {number: int(np.argmax(seen.foreground)) for number, seen in recording.seen.items()}
     rows = ([_picture(recording, cell, at, fullest.get(int(cell.frames[at]))) for at in places] for cell in cells)
-    return [[picture for picture in row if picture is not None] for row in rows]
+    drawn = ([picture for picture in row if picture is not None] for row in rows)
+    return [row for row in drawn if row]
 
 
 def _picture(recording: Recording, cell: CellSummary, place: int, camera: int | None = None) -> Picture | None:

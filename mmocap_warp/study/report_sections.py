@@ -167,9 +167,7 @@ def overlays_section(study: StudySummary, clips: Mapping[str, Clip]) -> Section 
         both, who = [picture(best, "best"), picture(worst, "worst")], algorithm_label(best.algorithm)
         pairs.append(fill("pair", pictures=both, sequence=best.sequence, algorithm=who))
     strips = [
-        fill("strip", algorithm=algorithm_label(row[0].algorithm), pictures=list(map(picture, row)))
-        for row in rows
-        if row
+        fill("strip", algorithm=algorithm_label(row[0].algorithm), pictures=list(map(picture, row))) for row in rows
     ]
     parts = [fill("overlays", dof=dof, budget=f"{budget:,}", pairs=pairs)]
     parts += [fill("strips", sequence=rows[0][0].sequence, strips=strips)] if strips else []
@@ -196,16 +194,11 @@ def models_section(study: StudySummary) -> Section | None:
 
 
 def _left_out(rankings: Sequence[Ranking]) -> str:
-    notes = [
-        f"{', '.join(map(str, each.absent))} tracked too few sequences for a ranking."
-        for each in rankings
-        if each.absent
-    ]
+    absent = [", ".join(map(str, each.absent)) for each in rankings if each.absent]
+    notes = [f"{names} tracked too few sequences for a ranking." for names in absent]
+    left_out = [(each.rows[0].contender, ", ".join(each.left_out)) for each in rankings if each.left_out]
     notes += [
-        f"Not all in the ranking of {each.rows[0].contender} have tracked {', '.join(each.left_out)}: left out of the "
-        "ranking."
-        for each in rankings
-        if each.left_out
+        f"Not all in the ranking of {who} have tracked {names}: left out of the ranking." for who, names in left_out
     ]
     return fill("warning", text=" ".join(notes)) if notes else ""
 

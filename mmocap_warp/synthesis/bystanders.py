@@ -58,18 +58,13 @@ class PasserBy:
         return placed
 
 
-def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarray]:
-    """Silhouettes of a chest that stands ``aside`` of ``middle`` [m]: per camera (height, width) bool."""
+def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> tuple[list[np.ndarray], np.ndarray]:
+    """Silhouettes of a chest ``aside`` of ``middle`` [m], per camera (height, width) bool; and (3,) where it stands."""
     turned = upright_base(rig.up) @ heading_rotation(_BEARING)
     # Corners on the floor about the origin, in the order of their numbers' binary digits.
     digits = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
     corners = ((digits - (0.5, 0.0, 0.5)) * _SIZE + np.array([0.0, 0.0, aside])) @ turned.T + middle
-    return _silhouettes_before(rig, corners, Surface.of(_BOX))
-
-
-def furniture_place(rig: CameraRig, middle: np.ndarray, aside: float) -> np.ndarray:
-    """(3,) where that chest stands [m]."""
-    return middle + aside * (upright_base(rig.up) @ heading_rotation(_BEARING))[:, 2]
+    return _silhouettes_before(rig, corners, Surface.of(_BOX)), middle + aside * turned[:, 2]
 
 
 def _silhouettes_before(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:

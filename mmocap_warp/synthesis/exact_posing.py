@@ -16,6 +16,10 @@ class ExactPoser:
         self._root_base = root_base
         self._frame = body.skeleton.frame.astype(np.float64)
         self._joint_rest = body.joint_rest.astype(np.float64)
+        self._rest = body.skin.rest.astype(np.float64)
+        # (joint, 3, 4), into the joints' frames from the bind pose
+        place = -np.einsum("jba,jb->ja", self._frame, self._joint_rest)
+        self._from_bind = np.concatenate([self._frame.transpose(0, 2, 1), place[..., None]], axis=2)
 
     def joint_transforms(self, poses: np.ndarray) -> np.ndarray:
         """World transforms of the joints' frames for full poses (n, 51): (n, joint, 4, 4) float64, column vectors."""
@@ -48,22 +52,12 @@ class ExactPoser:
         return np.einsum("vab,vb->va", blended[:, :, :3], self._rest) + blended[:, :, 3]
 
     @cached_property
-    def _rest(self) -> np.ndarray:
-        return self._body.skin.rest.astype(np.float64)
-
-    @cached_property
     def _weight(self) -> np.ndarray:
         """(vertex, joint), rows sum to one."""
         skin = self._body.skin
         weight = np.zeros((len(skin.rest), len(self._joint_rest)))
         np.add.at(weight, (np.arange(len(skin.rest))[:, None], skin.joint), skin.weight.astype(np.float64))
         return weight / weight.sum(axis=1, keepdims=True)
-
-    @cached_property
-    def _from_bind(self) -> np.ndarray:
-        """(joint, 3, 4), into the joints' frames from the bind pose."""
-        place = -np.einsum("jba,jb->ja", self._frame, self._joint_rest)
-        return np.concatenate([self._frame.transpose(0, 2, 1), place[..., None]], axis=2)
 
 
 def led_by(body: BodyModel, *joints: str) -> np.ndarray:

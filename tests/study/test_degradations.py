@@ -119,7 +119,7 @@ def test_who_walks_by_is_gone_before_and_after():
 def test_what_is_behind_a_camera_is_not_seen():
     rig = study_rig()
     beside = rig.centres[0] * (1.0, 1.0, 0.0)
-    assert not furniture(rig, beside, 0.0)[0].any()
+    assert not furniture(rig, beside, 0.0)[0][0].any()
 
 
 @pytest.mark.parametrize(("text", "views"), [("cut=2", 2), ("cut=all", 7)])

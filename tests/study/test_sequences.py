@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from person_skeleton import JOINTS
-from sequence_motions import ACTIONS, made_motion
+from sequence_motions import ACTIONS, made_motion, pack_poses
 from standing_posture import Track
 
 from mmocap_warp.body.posing import Poser
@@ -34,7 +34,6 @@ from mmocap_warp.synthesis.motion.key_poses import (
     MOTIONS,
     MOTIONS_SHA256,
     minimum_jerk,
-    pack_poses,
     stored_poses,
     unpack_poses,
 )
@@ -218,16 +217,16 @@ def test_a_shorter_sequence_begins_alike(some):
 def test_silhouettes_are_opencvs_up_to_the_boundary(some):
     recording, frame = some.recording, 25
     drawn = draw_silhouettes(some.rig, recording.vertices(frame), recording.body.skin.face)
-    for ours, theirs in zip(recording.silhouettes(frame), drawn, strict=True):
+    silhouettes = recording.segmentation.silhouettes(some.rig, recording.vertices(frame))
+    for ours, theirs in zip(silhouettes, drawn, strict=True):
         assert (ours ^ theirs).sum() < BOUNDARY * theirs.sum()
 
 
 def test_faults_spoil_the_masks_but_leave_most(sequence):
     overlap = []
     for frame in (0, 60, 120):
-        for mask, silhouette in zip(
-            sequence.recording.masks(frame), sequence.recording.silhouettes(frame), strict=True
-        ):
+        silhouettes = sequence.recording.segmentation.silhouettes(sequence.rig, sequence.recording.vertices(frame))
+        for mask, silhouette in zip(sequence.recording.masks(frame), silhouettes, strict=True):
             if mask.any():
                 overlap.append((mask & silhouette).sum() / (mask | silhouette).sum())
     assert min(overlap) > 0.70

@@ -36,7 +36,7 @@ from mmocap_warp.contour.frame.fitter import WIDE, MatchingConfig
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.fitting.frame_fit import PRIOR
 from mmocap_warp.fitting.standing_search import NoSubjectError
 from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip
@@ -122,11 +122,10 @@ class Adjustment:
         count = max(1, round(_FIT_SECONDS * self.footage.fps))
         config = FitConfig(seed=self.config.seed, device=self.device, threads=self.threads)
         observations = self.footage.observations(change[:, OFFSET])[:count]
-        try:
-            return fit_clip(self._body, changed(self.given, change), self.footage.fps, observations, config)
-        except NoSubjectError as error:
-            remedy = "look at the masks (mmocap mask), and check that they belong to these cameras"
-            raise InputError(self.scene.path, str(error), remedy) from None
+        remedy = "look at the masks (mmocap mask), and check that they belong to these cameras"
+        with input_errors(self.scene.path, "{error}", remedy, NoSubjectError):
+            subject = fit_clip(self._body, changed(self.given, change), self.footage.fps, observations, config)
+        return subject
 
     def track_person(self, change: np.ndarray, subject: Subject) -> Person:
         """The person through all frames."""
@@ -140,9 +139,8 @@ class Adjustment:
         found = np.flatnonzero(np.isin(result.status[0], _FOUND_STATUS))
         if len(found) < 2 * MIN_FRAMES:
             problem = f"the person was tracked in {len(found)} frames only, {2 * MIN_FRAMES} are needed"
-            raise InputError(
-                self.scene.path, problem, "choose other frames with --frames, or start from a better calibration"
-            )
+            remedy = "choose other frames with --frames, or start from a better calibration"
+            raise InputError(self.scene.path, problem, remedy)
         rooting = Rooting(self._body.skeleton, subject.root_base, self._body.skeleton.searched())
         return Person(subject, observations, Motion(rooting, rooting.enter(result.pose[0]), fps), found)
 

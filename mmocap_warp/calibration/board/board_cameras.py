@@ -114,7 +114,7 @@ def calibrate_from_board(
         (given.K[k], given.distortion[k], 0.0, 0) if given else _solve_lens(names[k], sizes[k].tolist(), each, board)
         for k, each in enumerate(detections)
     ]
-    K, distortion = np.array([lens[0] for lens in lenses]), np.array([lens[1] for lens in lenses])
+    K, distortion, focal_sigma, lens_frames = (np.array(each) for each in zip(*lenses, strict=True))
     # The places, from sharp frames that two cameras or more see.
     chosen = _common_frames(names, detections)
     seen = np.array([each.seen[chosen] for each in detections])
@@ -131,8 +131,8 @@ def calibrate_from_board(
     return BoardCalibration(
         rig=CameraRig(tuple(names), K, R, t, np.asarray(sizes), distortion, "-y"),
         rms=rms,
-        focal_sigma=np.array([lens[2] for lens in lenses]),
-        lens_frames=np.array([lens[3] for lens in lenses]),
+        focal_sigma=focal_sigma,
+        lens_frames=lens_frames,
         place_frames=seen.sum(axis=1),
         coverage=np.array([_coverage(each, size) for each, size in zip(detections, sizes, strict=True)]),
         points=tuple(view[np.isfinite(view[..., 0])] for view in pixels),

@@ -172,9 +172,7 @@ class Board:
         cells = self._markers.markerSize + 2
         bits = cv2.aruco.generateImageMarker(self._markers, number, cells)
         cell = side / cells
-        return [
-            _rectangle(left + column * cell, top + row * cell, cell, cell) for row, column in np.argwhere(bits == 0)
-        ]
+        return [_rectangle(left + x, top + y, cell, cell) for y, x in np.argwhere(bits == 0) * cell]
 
     def image(self, pixels: int) -> np.ndarray:
         """The board without a margin, gray, ``pixels`` to a square."""

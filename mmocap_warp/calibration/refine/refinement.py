@@ -35,9 +35,7 @@ STATED = 0.5
 """Share of one frame's standard deviations that is stated for all frames: measured on made people, moving or not."""
 CLEAR = 4.0
 """Standard deviations by which parameters that belong together must differ from where they were, in the mean."""
-_MAX_LEFT = (
-    0.7  # mean distance, in a frame's deviations, of what stays: 0.25 to 0.55 beside one wrong camera, else 0.84 on
-)
+_MAX_LEFT = 0.7  # mean distance, in deviations, of what stays: 0.25 to 0.55 beside one wrong camera, else 0.84 on
 _MAX_COST_RATIO = 1.1  # cost of the contours with the chosen changes over that with all of them, at most
 _NEGLIGIBLE_COST = 0.5 * CLEAR**2  # cost in a frame that one parameter must explain to be clear
 UNDETERMINED = 0.7
@@ -82,11 +80,8 @@ class Refinement:
     def better(self) -> bool:
         """Whether frames that had no part are explained better, all views together and each by the others alone."""
         pairs = (self.before.together, self.after.together), (self.before.apart, self.after.apart)
-        return (
-            bool(self.moved.any())
-            and self.settled
-            and all(np.nanmean(after) > np.nanmean(before) for before, after in pairs)
-        )
+        better = all(np.nanmean(after) > np.nanmean(before) for before, after in pairs)
+        return better and self.settled and bool(self.moved.any())
 
     def offsets(self, scene: Scene) -> dict[str, float]:
         """The delay of each camera of the refined scene with the changes, as a scene file states it [s]."""

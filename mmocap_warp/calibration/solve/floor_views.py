@@ -10,6 +10,7 @@ floor, and by no mirror image: both look down on the same side of it. A straight
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -64,11 +65,8 @@ def standing_view(name: str, head: np.ndarray, foot: np.ndarray, K: np.ndarray, 
     quarter = 0.5 * np.pi * round(np.arctan2(right, -down) / (0.5 * np.pi))
     rays = np.concatenate([foot, np.ones((len(foot), 1))], axis=1) @ np.linalg.inv(K).T
     given, settings = (K, head, rays, stature), {"loss": "cauchy", "f_scale": _PIXEL_OUTLIER, "max_nfev": 60}
-    solutions = [
-        least_squares(_head_errors, [tilt, quarter, height], args=given, **settings)
-        for tilt in _START_TILTS
-        for height in _START_HEIGHTS
-    ]
+    starts = [[tilt, quarter, height] for tilt, height in product(_START_TILTS, _START_HEIGHTS)]
+    solutions = [least_squares(_head_errors, start, args=given, **settings) for start in starts]
     # What explains the frames clearly worse than another start's end, by a pixel a frame, is no solution.
     enough = 2 * min(each.cost for each in solutions) + len(head)
     good = [each for each in solutions if each.cost <= enough]

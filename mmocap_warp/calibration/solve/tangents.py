@@ -108,14 +108,12 @@ def residuals(cameras: Pinholes, tangents: Tangents) -> np.ndarray:
     i, j = tangents.camera
     line = cameras.centre[j] - cameras.centre[i]
     line = line / np.linalg.norm(line, axis=-1, keepdims=True)
-    along_a, along_b = (np.einsum("ni,ni->n", each, line) for each in (a, b))
+    along = np.array([np.einsum("ni,ni->n", each, line) for each in (a, b)])
     sine = np.einsum("ni,ni->n", line, np.cross(a, b))
     # The angle between the planes.
-    angle = np.arctan2(sine, np.einsum("ni,ni->n", a, b) - along_a * along_b)
+    angle = np.arctan2(sine, np.einsum("ni,ni->n", a, b) - along[0] * along[1])
     # A plane that turns by an angle moves its trace in a view by that angle times the sine between ray and line.
-    share = [
-        1 / np.maximum(cameras.focal[k, 0] ** 2 * (1 - along**2), 1e-12) for k, along in ((i, along_a), (j, along_b))
-    ]
+    share = 1 / np.maximum(cameras.focal[tangents.camera, 0] ** 2 * (1 - along**2), 1e-12)
     return angle / np.sqrt(share[0] + share[1])
 
 

@@ -91,11 +91,10 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndar
     # The lags of each view in stretches of the recording.
     stretches = min(_STRETCHES, hulls.judged // _MIN_STRETCH)
     courses = [hulls.course(view, offsets, stretches) for view in range(len(views))]
-    scatter = np.array([course.scatter for course in courses])
-    known = stretches >= MIN_STRETCHES
-    return HullOffsets(
-        offsets, spread, courses, margin(scatter / np.sqrt(stretches - 1), stretches) if known else float("inf")
-    )
+    if stretches < MIN_STRETCHES:
+        return HullOffsets(offsets, spread, courses, float("inf"))
+    sigma = np.array([course.scatter for course in courses]) / np.sqrt(stretches - 1)
+    return HullOffsets(offsets, spread, courses, margin(sigma, stretches))
 
 
 class HullAgreement:
@@ -143,12 +142,10 @@ class HullAgreement:
 
     def course(self, view: int, offsets: np.ndarray, stretches: int) -> LagCourse:
         """The course of a view's lag beyond its offset, from its best lags in stretches of the recording."""
-        shares, middles, lags = self._shares(view, offsets), [], []
-        for part in np.array_split(np.arange(self.judged), min(stretches, max(1, self.judged))):
-            fit = _smooth_mean(shares[part])
-            lags.append(self._about[view] - self._reach + peak(fit))
-            middles.append(self._frame[part].mean())
-        return lag_course(np.array(middles), np.array(lags) - offsets[view])
+        shares = self._shares(view, offsets)
+        parts = np.array_split(np.arange(self.judged), min(stretches, max(1, self.judged)))
+        lags = self._about[view] - self._reach + np.array([peak(_smooth_mean(shares[part])) for part in parts])
+        return lag_course(np.array([self._frame[part].mean() for part in parts]), lags - offsets[view])
 
     def _shares(self, view: int, offsets: np.ndarray) -> np.ndarray:
         """(frame, lag), NaN where the view or the others' hull shows nobody."""

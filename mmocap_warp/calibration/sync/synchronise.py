@@ -10,7 +10,7 @@ from mmocap_warp.calibration.sync.hull_agreement import HullOffsets, PackedMasks
 from mmocap_warp.calibration.sync.lag_course import MIN_STRETCHES, LagCourse, lag_course, margin, peak
 from mmocap_warp.calibration.sync.shared_motion import PairScores, common_offsets, pair_scores
 from mmocap_warp.calibration.sync.silhouette_motion import LIKE, SilhouetteMotion
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.scene.recording import Scene
 
 _MAX_PIXELS = 320  # pixels of the masks' longer side
@@ -164,11 +164,9 @@ def _can_trust(hull: HullOffsets, motion: np.ndarray | None) -> bool:
 def _signals(motion: SilhouetteMotion, scene: Scene, k: int) -> np.ndarray:
     """The signals of camera ``k`` at the scene's frames; an InputError where it shows nobody."""
     name, rate = scene.cameras[k].name, scene.cameras[k].rate
-    try:
+    where, remedy = f"{scene.path}: [cameras.{name}]", "make better masks, or leave the camera out"
+    with input_errors(where, "its masks show somebody in fewer than two frames", remedy, ValueError):
         signals = motion.signals(scene.fps * rate)
-    except ValueError:
-        where, remedy = f"{scene.path}: [cameras.{name}]", "make better masks, or leave the camera out"
-        raise InputError(where, "its masks show somebody in fewer than two frames", remedy) from None
     at = (np.arange(int(len(signals) / rate)) + 0.5) * rate - 0.5
     return np.stack([np.interp(at, np.arange(len(signals)), column) for column in signals.T], axis=1)
 

@@ -40,10 +40,6 @@ class Recording:
         """(vertex, 3), the full mesh in the world [m]."""
         return self._poser.vertices(self.poses[frame : frame + 1])[0]
 
-    def silhouettes(self, frame: int) -> list[np.ndarray]:
-        """Per camera (height, width) bool: what a faultless segmentation would give."""
-        return self.segmentation.silhouettes(self.rig, self.vertices(frame))
-
     def masks(self, frame: int) -> list[np.ndarray]:
         """Per camera (height, width) bool, with faults."""
         return self.segmentation.masks(self.rig, self.vertices(frame), frame)

@@ -127,9 +127,12 @@ def segment(
     Some of the body's shadow on the floor, likewise, is taken for it, and its ``patches`` look like the background.
     """
     spoilt = np.zeros_like(mask)
-    box = _surroundings(mask)
-    if box is None:
+    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+    if not width:
         return spoilt
+    # The surroundings of the body, in which all is done.
+    corner = np.maximum((left - _MARGIN, top - _MARGIN), 0)
+    box = np.s_[corner[1] : top + height + _MARGIN, corner[0] : left + width + _MARGIN]
     depth = distance_inside(mask[box], 3)
     steady = contrast.halo + contrast.flicker * rng.standard_normal()
     shift = steady + contrast.ragged * _noise(depth.shape, _GRAIN, rng)
@@ -137,7 +140,6 @@ def segment(
     if contrast.shadow > 0:
         bound = NormalDist().inv_cdf(1.0 - contrast.shadow)
         seen |= (shadow[box] & (_noise(depth.shape, _SHADOW_GRAIN, rng) > bound)).view(np.uint8)
-    corner = np.array([box[1].start, box[0].start])
     for patch in patches:
         patch._replace(centre=patch.centre - corner).draw(seen, 0)
     for _ in range(rng.poisson(contrast.specks)):
@@ -145,14 +147,6 @@ def segment(
         Ellipse(place, radii, rng.uniform(0, 180)).draw(seen, 1)
     spoilt[box] = seen.view(bool)
     return spoilt
-
-
-def _surroundings(mask: np.ndarray) -> tuple[slice, slice] | None:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return None
-    low = [max(0, int(axis[0]) - _MARGIN) for axis in (rows, columns)]
-    return slice(low[0], int(rows[-1]) + _MARGIN + 1), slice(low[1], int(columns[-1]) + _MARGIN + 1)
 
 
 def _noise(shape: tuple[int, ...], size: int, rng: np.random.Generator) -> np.ndarray:

@@ -98,7 +98,8 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
         posture.point_arm(side, upper, fore)
     # Angles within the limits, and the floor at zero.
     poses = np.clip(posture.poses, *body.skeleton.coordinate_limits.T)
-    shift[1] = _floor_height(body, poses)
+    skin = ExactPoser(body, np.eye(3)).vertices(poses[:: max(1, len(poses) // 100)])
+    shift[1] = float(np.median(skin[..., 1].min(axis=1)))  # where the body stands in most frames
     poses[:, 1] -= shift[1]
     return Retargeted(poses, clip.marker_names, actor.markers * scale - shift)
 
@@ -192,9 +193,3 @@ def _frames_in_reach(root: np.ndarray) -> slice:
     first = beyond[beyond < middle].max(initial=-1) + 1
     last = beyond[beyond > middle].min(initial=len(root))
     return slice(int(first), int(last))
-
-
-def _floor_height(body: BodyModel, poses: np.ndarray) -> float:
-    """Height of the floor that the body is on in most frames [m]."""
-    every = max(1, len(poses) // 100)
-    return float(np.median(ExactPoser(body, np.eye(3)).vertices(poses[::every])[..., 1].min(axis=1)))

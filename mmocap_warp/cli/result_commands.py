@@ -129,7 +129,8 @@ def _doubt_together(done: dict[str, tuple[Path, Result]], console: Console) -> N
         sigma = None if result.joint_sigma is None else np.maximum(result.joint_sigma, worst)
         done[name] = file, replace(result, status=status, joint_sigma=sigma)
         write_result(*done[name])
-    console.note(f"people: in {int(doubted.any(axis=0).sum())} frames one is in doubt, and so are all")
+    if count := int(doubted.any(axis=0).sum()):
+        console.note(f"people: in {count} frames one is in doubt, and so are all")
 
 
 def _of_person(output: Path, name: str) -> Path:

@@ -97,9 +97,8 @@ def _draw_axes(scene: Scene, folder: Path) -> tuple[Path, ...]:
     if any(image is None for image in images) and all(source.masks is not None for source in scene.cameras):
         masks = next(scene.masks(count=1))
     for k, name in enumerate(rig.names):
-        write_png(
-            folder / f"{file_name(name, scene.path)}.png", draw_world_axes(_image_or_mask(images[k], masks[k]), rig, k)
-        )
+        picture = draw_world_axes(_image_or_mask(images[k], masks[k]), rig, k)
+        write_png(folder / f"{file_name(name, scene.path)}.png", picture)
     return tuple(folder / f"{name}.png" for name in rig.names)
 
 

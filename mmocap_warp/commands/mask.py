@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -142,18 +143,19 @@ def with_masks(scene: Scene, reporter: Reporter) -> Scene:
         return scene
     name = "masks" if by_program else "apart"
     folder = scene.directory / (name if scene.path.stem == "scene" else f"{scene.path.stem}-{name}")
-    # A program's masks stay. Those by poses are made anew once the scene or a subject has changed.
-    file, subjects = folder / "scene.toml", [person.subject for person in scene.people.values() if person.subject]
-    since = [] if by_program else [each.stat().st_mtime for each in (scene.path, *subjects)]
-    if not file.exists() or max(since, default=0) > file.stat().st_mtime:
+    # A program's masks stay. Those by poses are made anew once what they are made of has changed.
+    file, subjects = folder / "scene.toml", (person.subject for person in scene.people.values())
+    masks = (each.masks.files for each in scene.cameras if each.masks)
+    given = {scene.path, scene.calibration, *chain(subjects, *masks)}
+    newest = max(each.stat().st_mtime for each in given if each)
+    if not file.exists() or (newest > file.stat().st_mtime and not by_program):
         scale = tracking_scale(scene.calibrated.size) if by_program and "scale" not in scene.track else 1.0
         made = mask(scene.path, folder, scale=scale, force=not by_program, reporter=reporter)
         for fault in made.report.faults if by_program else ():
             reporter.warn(f"{folder}: {fault}")
         if not by_program:
             reporter.note(f"people: told apart by their poses; look at {made.overlay}")
-    told = scene_from(folder, scene.frames)
-    return told.of_person(scene.person) if scene.of_several and scene.person else told
+    return scene_from(folder, scene.frames, person=scene.person or None)
 
 
 def _told_apart(scene: Scene, scale: float) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:

@@ -65,7 +65,7 @@ def test_everybodys_subject_is_asked_for(tmp_path):
     assert not (tmp_path / "masks").exists()
 
 
-def test_people_are_told_apart_once_and_again_after_a_subject_has_changed(tmp_path, monkeypatch):
+def test_people_are_told_apart_once_and_again_after_anything_has_changed(tmp_path, monkeypatch):
     """Whatever a stopped run has left is no reason to refuse, and one person can be asked for."""
     scene, subject, notes = made(tmp_path, [(-0.8, 0.8)] * 2), tmp_path / "ben.usdc", []
     subject.touch()
@@ -88,10 +88,12 @@ def test_people_are_told_apart_once_and_again_after_a_subject_has_changed(tmp_pa
     assert len(notes) == 1
     assert "overlay.webm" in notes[0]
     assert all(np.array_equal(a, b) for a, b in zip(next(told[0].of_person("anna").masks()), split[0], strict=True))
-    later = (tmp_path / "apart" / "scene.toml").stat().st_mtime + 1
-    os.utime(subject, (later, later))
-    mask_command.with_masks(asked, reporter)
-    assert len(notes) == 2
+    for number, changed in enumerate((subject, scene.path, scene.calibration, scene.cameras[1].masks.files[0]), 2):
+        later = (tmp_path / "apart" / "scene.toml").stat().st_mtime + 1
+        os.utime(changed, (later, later))
+        mask_command.with_masks(asked, reporter)
+        assert len(notes) == number
+        os.utime(changed, (0, 0))
 
 
 def test_subjects_are_those_of_the_first_frame(tmp_path):

@@ -191,8 +191,8 @@ def repairs(rig: CameraRig) -> Iterator[tuple[Mistake, CameraRig]]:
     for pair in combinations(cameras, 2):
         order = np.array(cameras)
         order[list(pair)] = pair[::-1]
-        names = rig.names[pair[0]], rig.names[pair[1]]
-        yield Mistake(names, SWAPPED), replace(rig, K=rig.K[order], R=rig.R[order], t=rig.t[order])
+        both = rig.names[pair[0]], rig.names[pair[1]]
+        yield Mistake(both, SWAPPED), replace(rig, K=rig.K[order], R=rig.R[order], t=rig.t[order])
 
 
 def _inverted(rig: CameraRig, some: list[int]) -> CameraRig:

@@ -7,7 +7,6 @@ together, and the check names the changes of one camera in one respect that expl
 """
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -19,7 +18,7 @@ from mmocap_warp.calibration.adjust import camera_changes
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, CameraSolution, Person, Progress
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
 from mmocap_warp.calibration.first_look import few_views
-from mmocap_warp.calibration.gross_mistake import IMAGE_SIZE, MIRRORED, SIZES, SWAPPED, Mistake
+from mmocap_warp.calibration.gross_mistake import IMAGE_SIZE, MIRRORED, SWAPPED, Mistake, repairs
 from mmocap_warp.calibration.refine.refinement import CLEAR, STATED
 from mmocap_warp.calibration.sync.lag_course import lag_course, peak
 from mmocap_warp.cameras.rig import CameraRig
@@ -222,30 +221,18 @@ def gross_mistake(rig: CameraRig, seen: np.ndarray, fps: float) -> Mistake | Non
 
     ``seen`` is (frame, camera, point, 2), see :func:`~mmocap_warp.calibration.adjust.silhouette_agreement.landmarks`.
     """
-    cameras = range(len(rig))
     miss = _landmark_miss(rig, seen, fps)
     if miss < _SOUND_MISS:
         return None
-    # Try every mistake of one camera: its pictures mirrored, or of another size.
-    trials: list[tuple[float, Mistake]] = []
-    for k in cameras:
-        mirrored = seen.copy()
-        mirrored[:, k, :, 0] = rig.size[k, 0] - 1 - mirrored[:, k, :, 0]
-        trials.append((_landmark_miss(rig, mirrored, fps), Mistake((rig.names[k],), MIRRORED)))
-        for size in SIZES:
-            K = rig.K.copy()
-            K[k, :2] *= size
-            mistake = Mistake((rig.names[k],), IMAGE_SIZE, size)
-            trials.append((_landmark_miss(replace(rig, K=K), seen, fps), mistake))
-    # Try every exchange of two cameras.
-    for one, other in combinations(cameras, 2):
-        order = list(cameras)
-        order[one], order[other] = other, one
-        mistake = Mistake((rig.names[one], rig.names[other]), SWAPPED)
-        trials.append((_landmark_miss(rig, seen[:, order], fps), mistake))
+    # Try every mistake of one camera, its pictures mirrored or of another size, and every exchange of two cameras.
+    trials = [
+        (_landmark_miss(repaired, seen, fps), mistake)
+        for mistake, repaired in repairs(rig)
+        if mistake.cameras is not None and mistake.cause in (MIRRORED, IMAGE_SIZE, SWAPPED)
+    ]
     # The best must be clearly better than the rig as it is, and better than turning a camera.
     best, mistake = min(trials, key=lambda trial: trial[0])
-    turned = min(_landmark_miss(rig, seen, fps, turned=k) for k in cameras)
+    turned = min(_landmark_miss(rig, seen, fps, turned=k) for k in range(len(rig)))
     return mistake if best < min(_GROSS_RATIO * miss, turned) else None
 
 

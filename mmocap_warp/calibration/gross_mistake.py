@@ -30,8 +30,7 @@ _SURE_TWO_VIEWS, _REPAIRED_TWO_VIEWS = 0.7, 0.97  # the same of two views, which
 _ALL_TRIAL_FRAMES = 6  # cameras up to which every other frame judges a repair; one frame judges those of more
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])  # from the camera axes of computer graphics to OpenCV's
 
-SIZES = (0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0)
-"""Sizes of images over those that a camera was calibrated for, of which one may be wrong."""
+_SIZES = (0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0)  # of images over those that were calibrated, of which one may be true
 MIRRORED, SWAPPED, IMAGE_SIZE = "mirrored", "wrong file", "image size"
 _TURNS = {
     MIRRORED: np.diag([-1.0, 1.0]),
@@ -158,7 +157,7 @@ def find_mistake(rig: CameraRig, frames: Sequence[Silhouettes], now: Agreement) 
         return None
     # A few frames choose among all repairs; all frames judge the best one.
     few = frames[::2] if len(rig) <= _ALL_TRIAL_FRAMES else frames[len(frames) // 2 :][:1]
-    trials = [(mistake, repaired) for mistake, repaired in _repairs(rig) if not two or _shows_in_two_views(mistake)]
+    trials = [(mistake, repaired) for mistake, repaired in repairs(rig) if not two or _shows_in_two_views(mistake)]
     mistake, repaired = max(trials, key=lambda trial: agreement(trial[1], few).share)
     share = agreement(repaired, frames).share
     enough = share >= (_REPAIRED_TWO_VIEWS if two else _REPAIRED)
@@ -170,7 +169,7 @@ def _shows_in_two_views(mistake: Mistake) -> bool:
     return mistake.cause in _POSES or mistake.cause.startswith("turned by 90 degrees")
 
 
-def _repairs(rig: CameraRig) -> Iterator[tuple[Mistake, CameraRig]]:
+def repairs(rig: CameraRig) -> Iterator[tuple[Mistake, CameraRig]]:
     """Every mistake, and the cameras with which its masks would agree."""
     cameras = list(range(len(rig)))
     inverted, graphics = _inverted(rig, cameras), _with_graphics_axes(rig)
@@ -185,15 +184,15 @@ def _repairs(rig: CameraRig) -> Iterator[tuple[Mistake, CameraRig]]:
             yield Mistake(names, _INVERTED), _inverted(rig, some)
         for cause, turn in _TURNS.items():
             yield Mistake(names, cause), _turned(rig, some, turn)
-        for size in SIZES:
+        for size in _SIZES:
             K = rig.K.copy()
             K[some, :2] *= size
             yield Mistake(names, IMAGE_SIZE, size), replace(rig, K=K)
     for pair in combinations(cameras, 2):
         order = np.array(cameras)
         order[list(pair)] = pair[::-1]
-        names = rig.names[pair[0]], rig.names[pair[1]]
-        yield Mistake(names, SWAPPED), replace(rig, K=rig.K[order], R=rig.R[order], t=rig.t[order])
+        both = rig.names[pair[0]], rig.names[pair[1]]
+        yield Mistake(both, SWAPPED), replace(rig, K=rig.K[order], R=rig.R[order], t=rig.t[order])
 
 
 def _inverted(rig: CameraRig, some: list[int]) -> CameraRig:

@@ -197,13 +197,13 @@ def _with_others(
     root, ahead = _roots(clip), clip.rig.R[:, 2]
 
     def joined(frame: int, masks: Masks) -> tuple[Masks, Masks | None]:
+        theirs = others(frame)
         if not labelled:
-            return [mask | other for mask, other in zip(masks, others(frame), strict=True)], None
+            return [mask | other for mask, other in zip(masks, theirs, strict=True)], None
         # A pixel that shows both has the label of who is nearer.
         nearer = ahead @ (place(frame) - root[min(frame, len(root) - 1)]) < 0
-        views = zip(masks, others(frame), nearer, strict=True)
-        own = [mask & ~(other & in_front) for mask, other, in_front in views]
-        return own, others(frame)
+        views = zip(masks, theirs, nearer, strict=True)
+        return [mask & ~(other & in_front) for mask, other, in_front in views], theirs
 
     return _with_masks(clip, joined)
 

@@ -148,6 +148,5 @@ def _scores(found: Mapping[Any, dict[str, CellSummary]], sequences: list[str], m
     every = [cell for row in cells for cell in row]
     seeds = list(set.intersection(*(set(cell.seeds.tolist()) for cell in every)))
     first = slice(min(len(cell.seeds) for cell in every))
-    return np.array(
-        [[cell.runs[measure.key][np.isin(cell.seeds, seeds) if seeds else first] for cell in row] for row in cells]
-    )
+    runs = [[cell.runs[measure.key][np.isin(cell.seeds, seeds) if seeds else first] for cell in row] for row in cells]
+    return np.array(runs)

@@ -145,9 +145,8 @@ def fitted_start(person: Person, root_base: np.ndarray, true_pose: np.ndarray, s
     (3, 3) is the world from body axes at zero root rotation.
     """
     body, pose = person.tracked_body(), true_pose.astype(np.float64)
-    true_joints, joints = (
-        ExactPoser(each, root_base).joint_transforms(pose[None])[0, :, :3, 3] for each in (person.true_body(), body)
-    )
+    posers = (ExactPoser(each, root_base) for each in (person.true_body(), body))
+    true_joints, joints = (poser.joint_transforms(pose[None])[0, :, :3, 3] for poser in posers)
     pose[:3] += (true_joints - joints).mean(axis=0)
     rng = np.random.default_rng(seed)
     free = body.skeleton.searched(39)

@@ -83,6 +83,8 @@ class Adjustment:
         names, distance = self.given.names, config.distance
         config.check_names(names)
         self._stated_fixed = None if config.fixed is None else names.index(config.fixed)
+        # Whether nothing but the choice of the camera that stands still says where the world is.
+        self.world_is_chosen = self._world_floats and self._stated_fixed is None
         # Lengths that give the scale.
         self._known: list[KnownLength] = []
         if config.height is not None:
@@ -90,11 +92,6 @@ class Adjustment:
         if distance is not None:
             one, other = (names.index(name) for name in distance[:2])
             self._known.append(known_distance(self.given, one, other, distance[2]))
-
-    @property
-    def world_is_chosen(self) -> bool:
-        """Whether nothing but the choice of the camera that stands still says where the world is."""
-        return self._world_floats and self._stated_fixed is None
 
     def start(self) -> np.ndarray:
         """The changes by which silhouettes agree where they did not; otherwise zeros."""

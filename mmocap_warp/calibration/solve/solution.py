@@ -190,11 +190,10 @@ def _seen_person(scene: Scene) -> tuple[Scene, float, PersonInViews]:
 def _pinholes(scene: Scene, scale: float) -> Pinholes:
     """The lenses at ``scale``, all at the origin; with a usual focal length where no calibration is named."""
     rig = scene.rig(scale)
-    count = len(rig)
     focal = rig.K[:, [0, 1], [0, 1]]
     if scene.calibration is None:
         focal = np.repeat(_GUESS * rig.size.max(axis=1, keepdims=True), 2, axis=1)
-    return Pinholes(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), focal, rig.K[:, :2, 2])
+    return Pinholes(np.tile(np.eye(3), (len(rig), 1, 1)), np.zeros((len(rig), 3)), focal, rig.K[:, :2, 2])
 
 
 def _solve(

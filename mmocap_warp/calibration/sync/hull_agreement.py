@@ -130,11 +130,7 @@ class HullAgreement:
         self._seen = np.array(seen, bool).reshape(len(inside), len(rig), len(lags))
         self._own = _count(self._inside)  # (frame, view, lag)
         self._frame = np.array(judged, int)
-
-    @property
-    def judged(self) -> int:
-        """How many frames could be judged: those in which all views see somebody."""
-        return len(self._inside)
+        self.judged = len(judged)  # how many frames could be judged: those in which all views see somebody
 
     def of_view(self, view: int, offsets: np.ndarray) -> np.ndarray:
         """(lag,) overlap of a view with the hull of the others, which are at ``offsets``."""

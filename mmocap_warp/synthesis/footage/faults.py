@@ -113,9 +113,8 @@ def _draw(polygons: np.ndarray, width: int, height: int) -> np.ndarray:
         canvas = np.zeros(((bottom - top) * _FINER, (right - left) * _FINER), np.uint8)
         for corners in np.rint(fine * 2**_SHIFT).astype(np.int32):
             cv2.fillConvexPoly(canvas, corners, 255, cv2.LINE_8, _SHIFT)
-        mask[top:bottom, left:right] = (
-            cv2.resize(canvas, (right - left, bottom - top), interpolation=cv2.INTER_AREA) > 127
-        )
+        covered = cv2.resize(canvas, (right - left, bottom - top), interpolation=cv2.INTER_AREA)
+        mask[top:bottom, left:right] = covered > 127
     return mask
 
 

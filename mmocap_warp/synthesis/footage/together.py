@@ -62,10 +62,8 @@ class Together:
         """Per camera (height, width) uint8: labels, with the faults that each person's mask has; 0 is background."""
         masks = [recording.masks(frame) for recording in self.people]
         skins = [recording.vertices(frame) for recording in self.people]
-        return [
-            _labels([views[k] for views in masks], [self._seen(k, skin) for skin in skins])
-            for k in range(len(self.rig))
-        ]
+        by_view = enumerate(zip(*masks, strict=True))
+        return [_labels(of_people, [self._seen(k, skin) for skin in skins]) for k, of_people in by_view]
 
     def _seen(self, k: int, skin: np.ndarray) -> np.ndarray:
         """(vertex, 3) column and row in a view [px], and depth [m]."""

@@ -81,9 +81,8 @@ class Leg:
         fixed = self.thigh @ self.thigh + self.shank @ self.shank + 2 * self.thigh[0] * self.shank[0]
         cosine = (distance**2 - fixed) / (2 * np.hypot(along, across))
         if (cosine > 1).any():
-            raise ValueError(
-                f"an ankle is {distance.max():.3f} m from its hip, the leg is {self.reach(0.0):.3f} m long"
-            )
+            length = self.reach(0.0)
+            raise ValueError(f"an ankle is {distance.max():.3f} m from its hip, the leg is {length:.3f} m long")
         return self.straight + np.arccos(cosine)
 
 
@@ -199,19 +198,13 @@ class Posture:
             feet: by side, their axes (frame, 3, 3).
             least_knee: flexion from straight that a knee keeps [rad].
         """
-        self.poses[:, :3] = root
-        self._set("Root", zyx_angles(pelvis))
+        ankles = {}
         for side, (thigh, shank) in bones.items():
             leg = self._legs[side]
             down = np.linalg.norm(leg.thigh) * thigh + np.linalg.norm(leg.shank) * shank
             length = np.linalg.norm(down, axis=1, keepdims=True)
-            place = root + applied(pelvis, leg.hip)
-            ankle = place + down * np.minimum(1.0, leg.reach(least_knee) / length)
-            angles = leg.angles(place, ankle, pelvis, hinges[side])
-            hip, knee = zyx_rotation(angles[:, :3]), turn("x", angles[:, 3])
-            self._set(f"{side}Hip", angles[:, :3])
-            self._set(f"{side}Knee", about("x", angles[:, 3]))
-            self._set(f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ knee) @ feet[side]))
+            ankles[side] = root + applied(pelvis, leg.hip) + down * np.minimum(1.0, leg.reach(least_knee) / length)
+        self._set_legs(root, pelvis, ankles, hinges, feet)
 
     def bend(self, chest: np.ndarray, head: np.ndarray) -> None:
         """Set the spine, half of its bend at either joint, and the neck; their axes (frame, 3, 3) in the world."""
@@ -222,14 +215,26 @@ class Posture:
         """Set an arm by where its bones point, (frame, 3) in the world; a straight arm's elbow points down and back."""
         arm = self._arms[side]
         wrist = np.linalg.norm(arm.upper) * upper + np.linalg.norm(arm.fore) * fore
-        chest = self._axes("UpperSpine")
-        down_and_back = -chest[:, :, 1] - chest[:, :, 2]
+        down_and_back = -self._axes("UpperSpine")[:, :, 1] - self._axes("UpperSpine")[:, :, 2]
         bent = np.minimum(1.0, _MOST_STRAIGHT * arm.length / np.linalg.norm(wrist, axis=1, keepdims=True))
-        points = upper - fore + _ELBOW_BIAS * down_and_back
-        rotation, flexion = arm.rotations(chest, wrist * bent, points)
+        self._set_arm(side, wrist * bent, upper - fore + _ELBOW_BIAS * down_and_back)
+
+    def _set_arm(self, side: str, wrist: np.ndarray, points: np.ndarray) -> None:
+        rotation, flexion = self._arms[side].rotations(self._axes("UpperSpine"), wrist, points)
         limits = self._body.skeleton.limits[self._body.skeleton.index(f"{side}Shoulder")].astype(float)
         self._set(f"{side}Shoulder", continuous_zyx_angles(rotation, limits))
         self._set(f"{side}Elbow", about("y", flexion))
+
+    def _set_legs(self, root: np.ndarray, pelvis: np.ndarray, ankles: BySide, hinges: BySide, feet: BySide) -> None:
+        self.poses[:, :3] = root
+        self._set("Root", zyx_angles(pelvis))
+        for side, ankle in ankles.items():
+            leg = self._legs[side]
+            angles = leg.angles(root + applied(pelvis, leg.hip), ankle, pelvis, hinges[side])
+            hip, knee = zyx_rotation(angles[:, :3]), turn("x", angles[:, 3])
+            self._set(f"{side}Hip", angles[:, :3])
+            self._set(f"{side}Knee", about("x", angles[:, 3]))
+            self._set(f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ knee) @ feet[side]))
 
     def _set(self, joint: str, angles: np.ndarray) -> None:
         self.poses[:, self._body.skeleton.angles(joint)] = angles

@@ -16,7 +16,7 @@ from made_spins import SPINS, spinning
 from made_walks import Walk, walking_around
 
 from mmocap_warp.study.sequences import CLIP_PLANS, FPS, Motion
-from mmocap_warp.synthesis.motion.key_poses import MOTIONS, PASSER_BY_RATE, predicted
+from mmocap_warp.synthesis.motion.key_poses import MOTIONS, PASSER_BY_RATE, pack_poses
 from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS
 
 
@@ -48,13 +48,6 @@ def made_motion(name: str) -> np.ndarray:
         return Walk(PEOPLE["S3"].true_body(), radius=_STRAIGHT).poses(phase)
     plan = CLIP_PLANS[name]
     return ACTIONS[name]((PEOPLE | STRANGERS)[plan.person].true_body(), plan.frames, plan.seed)
-
-
-def pack_poses(poses: np.ndarray) -> np.ndarray:
-    """Pack pose vectors (frame, coordinate) without loss, as ``unpack_poses`` takes them."""
-    bits = np.array([pose.view(np.int64) - predicted(poses[:frame]) for frame, pose in enumerate(poses)])
-    unsigned = (bits << 1) ^ (bits >> 63)
-    return np.ascontiguousarray(unsigned[..., None].view(np.uint8).T)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from person_skeleton import JOINTS
-from sequence_motions import ACTIONS, made_motion, pack_poses
+from sequence_motions import ACTIONS, made_motion
 from standing_posture import Track
 
 from mmocap_warp.body.posing import Poser
@@ -34,6 +34,7 @@ from mmocap_warp.synthesis.motion.key_poses import (
     MOTIONS,
     MOTIONS_SHA256,
     minimum_jerk,
+    pack_poses,
     stored_poses,
     unpack_poses,
 )

@@ -44,16 +44,23 @@ class Together:
     """Recordings of one length by the same cameras, in one; people keep the order of their labels, from 1 on."""
 
     people: tuple[Recording, ...]
-    fps: float  # frames per second
-    rig: CameraRig  # the cameras
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], shifts: np.ndarray) -> Together:
         """People who are elsewhere than in their recordings by ``shifts`` (person, 2) [m]."""
         pairs = zip(recordings, shifts, strict=True)
         moved = [(each, np.column_stack([each.poses[:, :2] + shift, each.poses[:, 2:]])) for each, shift in pairs]
-        first, *_ = recordings
-        return cls(tuple(replace(each, poses=poses) for each, poses in moved), first.fps, first.rig)
+        return cls(tuple(replace(each, poses=poses) for each, poses in moved))
+
+    @property
+    def fps(self) -> float:
+        """Frames per second."""
+        return self.people[0].fps
+
+    @property
+    def rig(self) -> CameraRig:
+        """The cameras."""
+        return self.people[0].rig
 
     def __len__(self) -> int:
         return len(self.people[0])

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -17,7 +16,6 @@ from cyclopts import Parameter
 
 from mmocap_warp.cli.command import BY_PLACE, Answer, Given, command, several
 from mmocap_warp.cli.console import (
-    BAD_INPUT,
     CHECK_FAILED,
     OK,
     Console,
@@ -27,6 +25,7 @@ from mmocap_warp.cli.console import (
     next_step,
     table,
 )
+from mmocap_warp.cli.several_people import answer_of_each, everybody, file_of, of_each, together
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
@@ -60,95 +59,49 @@ def track(
     # Without an output all is made beside the scene, and what exists is not made again.
     whole, output = output is None, output or loaded.directory / "result.usdc"
     one_blob, loaded = loaded.of_several, with_masks(loaded, console)
-    people = _everybody(loaded, person)
-    done: dict[str, tuple[Path, Result]] = {}
-
-    track_one = partial(_track, call, console, whole=whole, force=force, settings=settings, done=done)
+    people = everybody(loaded, person)
+    track_one = partial(_track, call, console, whole=whole, force=force, settings=settings)
     if people:
         before = results_in(output) if (whole or resume) and output.exists() else {}
         new_file(output, *USD_SUFFIXES, force=force or bool(before))
-        work = {name: partial(track_one, loaded.of_person(name), _of_person(output, name)) for name in people}
-        answers = _each(console, work)
-        if one_blob and done:  # what is said of each is said of the doubted result
-            _doubt_together(done, console)
-            scenes = {name: loaded.of_person(name) for name in done}
-            answers |= _each(console, {name: partial(_report, console, scenes[name], *done[name]) for name in done})
-        answer = _together(answers)
-        if not done:
+        scenes = {name: loaded.of_person(name) for name in people}
+        files_of = {name: file_of(output, name) for name in people}
+        tracked, failed = of_each(console, {name: partial(track_one, scenes[name], files_of[name]) for name in people})
+        if one_blob and tracked:
+            tracked = _doubt_together(console, files_of, tracked)
+        # What is said of each is said of the result that was written last.
+        reports = {name: partial(_report, console, scenes[name], files_of[name], tracked[name]) for name in tracked}
+        told, untold = of_each(console, reports)
+        answers = failed | told | untold
+        answer = together({name: answers[name] for name in people})
+        if not tracked:
             return answer
-        if force or [*before] != [*done]:
-            write_people(output, done)
+        if force or [*before] != [*tracked]:
+            write_people(output, {name: (files_of[name], result) for name, result in tracked.items()})
     else:
-        answer = track_one(loaded.of_person(person) if person in loaded.people else loaded, output)
+        scene = loaded.of_person(person) if person in loaded.people else loaded
+        answer = _report(console, scene, output, track_one(scene, output))
     files = {"result": output, **(show_all(output, console, force) if whole else {})}
     step = next_step("show", output) if people else answer.values["next"]
     values = {**answer.values, **files, "next": step}
     return Answer(values, [*files.values(), *answer.lines, f"next: {step}"], answer.code)
 
 
-def _everybody(scene: Scene, person: str | None) -> list[str]:
-    """The people who are meant one after the other; none where one is, or the scene names nobody."""
-    everybody = person == "all" and person not in scene.people
-    return [*scene.people] if everybody or not (person or scene.person) else []
-
-
-def _each(console: Console, work: Mapping[str, Callable[[], Answer]]) -> dict[str, Answer]:
-    """What is done for each of several people, by their names; what fails for one is done for the others."""
-    answers = {}
-    for name, do in work.items():
-        try:
-            answers[name] = do()
-        except InputError as error:
-            console.warn(f"{name}: {error}")
-            answers[name] = Answer({"problem": str(error)}, [f"failed: {error}"], BAD_INPUT)
-    return answers
-
-
-def _together(answers: Mapping[str, Answer]) -> Answer:
-    """The answers about several people, by their names, as one."""
-    lines = [line for name, answer in answers.items() for line in (f"{name}:", *answer.lines)]
-    codes = [answer.code for answer in answers.values()]
-    values = {name: answer.values for name, answer in answers.items()}
-    return Answer({"people": values}, lines, BAD_INPUT if BAD_INPUT in codes else max(codes))
-
-
-def _doubt_together(done: dict[str, tuple[Path, Result]], console: Console) -> None:
-    """Doubt all people, as much, where one is in doubt: what that one's pose does not explain was given to another."""
-    import numpy as np
-
+def _doubt_together(console: Console, files_of: Mapping[str, Path], tracked: Mapping[str, Result]) -> dict[str, Result]:
+    """Doubt all people who were told apart where one is in doubt, in their files too."""
     from mmocap_warp.formats.usd.usd_result import write_result
-    from mmocap_warp.result.result import STATUS
+    from mmocap_warp.tracking.telling_apart import doubted_together
 
-    tracked, partial_ = STATUS.index("tracked"), STATUS.index("partial")
-    doubted = np.logical_or.reduce([result.status != tracked for _, result in done.values()])
-    sigmas = [result.joint_sigma for _, result in done.values() if result.joint_sigma is not None]
-    worst = np.max([np.square(each).mean(axis=3).max(axis=2) ** 0.5 for each in sigmas], axis=0, initial=0.0)
-    worst = np.where(doubted, worst, 0.0)[..., None, None]  # of all joints, as large as the largest of anybody
-    for name, (file, result) in done.items():
-        status = np.where(doubted & (result.status == tracked), partial_, result.status).astype(result.status.dtype)
-        sigma = None if result.joint_sigma is None else np.maximum(result.joint_sigma, worst)
-        done[name] = file, replace(result, status=status, joint_sigma=sigma)
-        write_result(*done[name])
-    if count := int(doubted.any(axis=0).sum()):
-        console.note(f"people: in {count} frames one is in doubt, and so are all")
+    results, frames = doubted_together(tracked)
+    for name, result in results.items():
+        write_result(files_of[name], result)
+    if frames:
+        console.note(f"people: in {frames} frames one is in doubt, and so are all")
+    return results
 
 
-def _of_person(output: Path, name: str) -> Path:
-    """The file of one of several people: ``result.anna.usdc`` for ``result.usdc``."""
-    return output.with_name(f"{output.stem}.{name}{output.suffix}")
-
-
-def _track(
-    call: Any,
-    console: Console,
-    scene: Scene,
-    output: Path,
-    whole: bool,
-    force: bool,
-    settings: Any,
-    done: dict[str, tuple[Path, Result]],
-) -> Answer:
-    """Track one person, whose file and result are added to what is ``done``."""
+def _track(call: Any, console: Console, scene: Scene, output: Path, whole: bool, force: bool, settings: Any) -> Result:
+    """Track one person, a second time with refined cameras where these disagree."""
     from mmocap_warp.result.verdict import verdict
 
     changes: dict[str, Any] = {"person": None} if scene.person else {}  # the scene is of that person already
@@ -157,14 +110,13 @@ def _track(
     refined, begun = output.with_suffix(".calibration.toml"), output.with_name(f"{output.name}.checkpoint")
     if resumed and all(map(Path.exists, (output, refined, begun))) and refined.stat().st_mtime > output.stat().st_mtime:
         resumed["cameras"] = REFINE
-    tracked = call(scene=scene, output=output, **changes, **resumed)
+    tracked: Result = call(scene=scene, output=output, **changes, **resumed)
     # Cameras that disagree are refined, unless something else is asked for.
     asked = (settings and settings.cameras) or "cameras" in scene.track
     if whole and not asked and tracked.config["cameras"] != REFINE and verdict(tracked)["cameras"]:
         console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
         tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})
-    done[scene.person] = output, tracked
-    return _report(console, scene, output, tracked)
+    return tracked
 
 
 def _report(console: Console, scene: Scene, output: Path, tracked: Result) -> Answer:
@@ -213,10 +165,10 @@ def live(call: Any) -> Answer:
 def fit(call: Any, console: Console, scene: Path, output: Path, identity: int | None, person: str | None) -> Answer:
     from mmocap_warp.scene.scene_toml import load_scene
 
-    if not (people := _everybody(load_scene(scene, identity=identity), person)):
+    if not (people := everybody(load_scene(scene, identity=identity), person)):
         return _fitted(call, output)
-    work = {name: partial(_fitted, partial(call, person=name), _of_person(output, name)) for name in people}
-    return _together(_each(console, work))
+    work = {name: partial(_fitted, partial(call, person=name), file_of(output, name)) for name in people}
+    return answer_of_each(console, work)
 
 
 def _fitted(call: Any, output: Path) -> Answer:
@@ -275,7 +227,7 @@ def evaluate(call: Any, console: Console, result: Path, joint_set: str) -> Answe
         return Answer(report, lines, OK if good else CHECK_FAILED)
 
     people = {name: partial(evaluate_one, file) for name, file in results_in(result).items()}
-    return _together(_each(console, people)) if people else evaluate_one(result)
+    return answer_of_each(console, people) if people else evaluate_one(result)
 
 
 def _by_joint(errors: dict[str, dict[str, float | None]]) -> str:

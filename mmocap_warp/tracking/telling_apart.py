@@ -1,6 +1,6 @@
 """People whom masks do not tell apart: a pixel is given to whoever's pose explains it best, frame by frame."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import cv2
@@ -8,6 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.masks.observation import Observation
+from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import body_silhouettes
 from mmocap_warp.tracking.make_tracker import make_tracker
@@ -46,3 +47,21 @@ def told_apart(scene: Scene, subjects: Sequence[Subject], config: TrackConfig) -
             others = zip(*people[:n], *people[n + 1 :], hides, strict=True)
             tracker.step(Observation.from_masks(people[n], None, [np.logical_or.reduce(each) for each in others]))
         yield people, hides
+
+
+def doubted_together(results: Mapping[str, Result]) -> tuple[dict[str, Result], int]:
+    """Results of people who were told apart, of whom all are in doubt, as much, where one is, and in how many frames.
+
+    What one's pose does not explain was given to another.
+    """
+    tracked, partial = STATUS.index("tracked"), STATUS.index("partial")
+    doubted = np.logical_or.reduce([each.status != tracked for each in results.values()])
+    sigmas = [each.joint_sigma for each in results.values() if each.joint_sigma is not None]
+    worst = np.max([np.square(each).mean(axis=3).max(axis=2) ** 0.5 for each in sigmas], axis=0, initial=0.0)
+    worst = np.where(doubted, worst, 0.0)[..., None, None]  # of all joints, as large as the largest of anybody
+    doubtful = {}
+    for name, result in results.items():
+        status = np.where(doubted & (result.status == tracked), partial, result.status).astype(result.status.dtype)
+        sigma = None if result.joint_sigma is None else np.maximum(result.joint_sigma, worst)
+        doubtful[name] = replace(result, status=status, joint_sigma=sigma)
+    return doubtful, int(doubted.any(axis=0).sum())

@@ -11,7 +11,7 @@ from synthetic import synthetic_result
 
 from mmocap_warp.cli import console, main
 from mmocap_warp.cli.command import Answer
-from mmocap_warp.cli.result_commands import _each, _together
+from mmocap_warp.cli.several_people import answer_of_each
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.formats.usd.usd_people import results_in, write_people
@@ -110,7 +110,7 @@ def test_what_fails_for_one_is_done_for_the_others(capsys):
         raise InputError("masks", "are empty", "make them anew")
 
     done = {"anna": fails, "ben": lambda: Answer({"frames": 3}, ["3 frames"], console.CHECK_FAILED)}
-    answer = _together(_each(console.Console(), done))
+    answer = answer_of_each(console.Console(), done)
     assert answer.code == console.BAD_INPUT
     assert answer.values["people"]["ben"] == {"frames": 3}
     assert "are empty" in answer.values["people"]["anna"]["problem"]

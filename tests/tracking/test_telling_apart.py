@@ -117,13 +117,13 @@ def test_a_frame_in_which_one_is_in_doubt_is_in_doubt_for_all(tmp_path):
     unsure = sigma.copy()
     unsure[0, 1, 3] = 0.15
     results = [replace(each, joint_sigma=own) for each, own in zip(results, (unsure, sigma), strict=True)]
-    done = {name: (tmp_path / f"{name}.usdc", each) for name, each in zip(("anna", "ben"), results, strict=True)}
-    _doubt_together(done, Console())
+    files = {name: tmp_path / f"{name}.usdc" for name in ("anna", "ben")}
+    done = _doubt_together(Console(), files, dict(zip(files, results, strict=True)))
     for name, status in (("anna", [0, 1, 0, 1]), ("ben", [0, 1, 0, 2])):
-        np.testing.assert_array_equal(done[name][1].status, [status])
-        np.testing.assert_array_equal(read_result(tmp_path / f"{name}.usdc").status, [status])
-    np.testing.assert_allclose(done["ben"][1].joint_sigma[0].max(axis=(1, 2)), (0.01, 0.15, 0.01, 0.01))
-    assert [verdict(done["ben"][1])["trusted"], verdict(results[1])["trusted"]] == [trusted - 1, trusted]
+        np.testing.assert_array_equal(done[name].status, [status])
+        np.testing.assert_array_equal(read_result(files[name]).status, [status])
+    np.testing.assert_allclose(done["ben"].joint_sigma[0].max(axis=(1, 2)), (0.01, 0.15, 0.01, 0.01))
+    assert [verdict(done["ben"])["trusted"], verdict(results[1])["trusted"]] == [trusted - 1, trusted]
 
 
 def test_blobs_are_split_by_where_everybody_was_in_the_frame_before(tmp_path, monkeypatch):

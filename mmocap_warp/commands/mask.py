@@ -137,25 +137,33 @@ def _loaded(
 
 
 def with_masks(scene: Scene, reporter: Reporter) -> Scene:
-    """The scene itself, or one beside it whose masks are made once: by a program, or to tell people apart."""
-    by_program = scene.foreground.source == "program"
-    if not (by_program or scene.of_several):
+    """The scene itself, or one beside it whose masks are made: by a program once, or to tell people apart."""
+    if scene.foreground.source == "program":
+        folder = _beside(scene, "masks")
+        if not (folder / "scene.toml").exists():
+            scale = 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
+            for fault in mask(scene.path, folder, scale=scale, reporter=reporter).report.faults:
+                reporter.warn(f"{folder}: {fault}")
+    elif scene.of_several:
+        folder = _beside(scene, "apart")
+        if _is_older(folder / "scene.toml", scene):
+            made = mask(scene.path, folder, force=True, reporter=reporter)
+            reporter.note(f"people: told apart by their poses; look at {made.overlay}")
+    else:
         return scene
-    name = "masks" if by_program else "apart"
-    folder = scene.directory / (name if scene.path.stem == "scene" else f"{scene.path.stem}-{name}")
-    # A program's masks stay. Those by poses are made anew once what they are made of has changed.
-    file, subjects = folder / "scene.toml", (person.subject for person in scene.people.values())
+    return scene_from(folder, scene.frames, person=scene.person or None)
+
+
+def _beside(scene: Scene, name: str) -> Path:
+    return scene.directory / (name if scene.path.stem == "scene" else f"{scene.path.stem}-{name}")
+
+
+def _is_older(file: Path, scene: Scene) -> bool:
+    """Whether a file is not there, or older than what people are told apart by in a scene."""
+    subjects = (person.subject for person in scene.people.values())
     masks = (each.masks.files for each in scene.cameras if each.masks)
     given = {scene.path, scene.calibration, *chain(subjects, *masks)}
-    newest = max(each.stat().st_mtime for each in given if each)
-    if not file.exists() or (newest > file.stat().st_mtime and not by_program):
-        scale = tracking_scale(scene.calibrated.size) if by_program and "scale" not in scene.track else 1.0
-        made = mask(scene.path, folder, scale=scale, force=not by_program, reporter=reporter)
-        for fault in made.report.faults if by_program else ():
-            reporter.warn(f"{folder}: {fault}")
-        if not by_program:
-            reporter.note(f"people: told apart by their poses; look at {made.overlay}")
-    return scene_from(folder, scene.frames, person=scene.person or None)
+    return not file.exists() or max(each.stat().st_mtime for each in given if each) > file.stat().st_mtime
 
 
 def _told_apart(scene: Scene, scale: float) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:

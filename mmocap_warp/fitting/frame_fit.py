@@ -30,6 +30,7 @@ _TRIED = 24  # best draws that are fitted roughly
 _FINE = 6  # best of these that are fitted finely
 _LIMB_STEPS = 5  # descent steps of a limb's fit
 _LEAST_GAIN = 1e-3  # cost that a round over the limbs must save
+PATIENCE = 2  # rounds in a row over the limbs that save less, before these stay where they are
 _BODY_STEPS = 10  # descent steps of a fit of body and pose
 
 
@@ -57,8 +58,7 @@ class FrameFit:
     of the masks unexplained. So limbs are drawn at random within their limits and judged by areas.
     """
 
-    def __init__(self, space: RestSpace, frame: FirstFrame, patience: int = 2) -> None:
-        """``patience``: rounds in a row over the limbs that save nothing, before these stay where they are."""
+    def __init__(self, space: RestSpace, frame: FirstFrame, patience: int = PATIENCE) -> None:
         body, skeleton = space.body, space.body.skeleton
         self.space, self._patience = space, patience
         self._skeleton, self._vertex = skeleton, body.tracking_vertex

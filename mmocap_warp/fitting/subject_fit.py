@@ -31,7 +31,7 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.clip_body import frames_to_follow, solve_body_in_clip, with_base_still
 from mmocap_warp.fitting.fit_config import LONGEST_IMAGE, FitConfig
-from mmocap_warp.fitting.frame_fit import FrameFit, Guess, by_turns
+from mmocap_warp.fitting.frame_fit import PATIENCE, FrameFit, Guess, by_turns
 from mmocap_warp.fitting.screening import screened_starts, usual_poses
 from mmocap_warp.fitting.standing_search import (
     FirstFrame,
@@ -207,7 +207,7 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     config, skeleton = task.config, task.body.skeleton
     # All headings to the bottom of their basins, then the limbs of the best few.
     seen = FirstFrame(task.rig, observation, config.seed, task.device, task.threads)
-    patience = 1 if task.body_is_given else 2
+    patience = 1 if task.body_is_given else PATIENCE
     frame = FrameFit(task.space, seen, patience)
     count = min(_FITS, task.threads) if task.device == "cpu" else 1
     alone = replace(seen, threads=-(-task.threads // count))

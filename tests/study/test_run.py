@@ -13,7 +13,6 @@ import time
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
@@ -24,14 +23,13 @@ from study_workers import (
     DYING_ONCE,
     FAILING,
     ScriptedEngine,
-    ThreadCounter,
     serve_and_be_killed,
     serve_and_die_once,
 )
 from tiny_study import CELLS, FRAMES, STUDY, answer_members, run_quietly, tasks_of
 
 from mmocap_warp.jobs import job_run
-from mmocap_warp.jobs.engine import Ready, Refusal
+from mmocap_warp.jobs.engine import Refusal
 from mmocap_warp.jobs.job_run import run_jobs
 from mmocap_warp.jobs.local_engine import LocalEngine, local_devices
 from mmocap_warp.study import job, store
@@ -146,14 +144,6 @@ def test_the_number_of_threads_changes_nothing(study, whole, tmp_path):
     assert same_files(tmp_path / "results", whole)
 
 
-def test_opencv_takes_no_more_threads_than_its_worker():
-    engine = LocalEngine(ThreadCounter, ["cpu"], threads=3)
-    assert engine.events(60.0) == [(0, Ready("cpu"))]
-    engine.submit(0, "anything")
-    assert engine.events(60.0) == [(0, Refusal("3"))]
-    engine.close()
-
-
 def test_a_damaged_result_is_told_and_tracked_again(study, whole, copied):
     tasks, notes = tasks_of(study, copied), []
     damaged = tasks[3].path
@@ -175,22 +165,6 @@ def test_a_worker_that_is_killed_is_replaced_and_its_cell_repeated(study, whole,
     assert len(notes) == 1
     assert "cpu died (killed by SIGKILL); the cell is tried again" in notes[0]
     assert same_files(tmp_path / "results", whole)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="workers are forks there alone")
-def test_a_worker_is_started_although_the_process_that_forks_is_killed_meanwhile(monkeypatch):
-    tries, start = [], BaseProcess.start
-
-    def killed_once(process):
-        tries.append(process)
-        if len(tries) == 1:
-            raise EOFError
-        start(process)
-
-    monkeypatch.setattr(BaseProcess, "start", killed_once)
-    engine = LocalEngine(Worker, ["cpu"], 1)
-    assert engine.events(60.0) == [(0, Ready("cpu"))]
-    engine.close()
 
 
 def test_a_cell_that_workers_are_killed_at_is_told_with_the_remedy(study, tmp_path):

@@ -1,0 +1,35 @@
+"""Worker processes of this machine."""
+
+import sys
+from multiprocessing.process import BaseProcess
+
+import pytest
+from study_workers import ThreadCounter
+
+from mmocap_warp.jobs.engine import Ready, Refusal
+from mmocap_warp.jobs.local_engine import LocalEngine
+from mmocap_warp.study.job import Worker
+
+
+def test_opencv_takes_no_more_threads_than_its_worker():
+    engine = LocalEngine(ThreadCounter, ["cpu"], threads=3)
+    assert engine.events(60.0) == [(0, Ready("cpu"))]
+    engine.submit(0, "anything")
+    assert engine.events(60.0) == [(0, Refusal("3"))]
+    engine.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forks there alone")
+def test_a_worker_is_started_although_the_process_that_forks_is_killed_meanwhile(monkeypatch):
+    tries, start = [], BaseProcess.start
+
+    def killed_once(process):
+        tries.append(process)
+        if len(tries) == 1:
+            raise EOFError
+        start(process)
+
+    monkeypatch.setattr(BaseProcess, "start", killed_once)
+    engine = LocalEngine(Worker, ["cpu"], 1)
+    assert engine.events(60.0) == [(0, Ready("cpu"))]
+    engine.close()

@@ -40,7 +40,7 @@ def run(command: list[object], threads: int, seconds: float) -> tuple[int, dict[
 def measured(rig: dict[str, Any], rigs: Path, out: Path, frames: int, seconds: float) -> dict[str, Any]:
     """What becomes of a rig: a row of the table."""
     row: dict[str, Any] = {name: rig[name] for name in ("maker", "file", "licence")}
-    folder = out / Path(rig["file"]).stem
+    folder = out / Path(rig["file"]).with_suffix("").as_posix().replace("/", "_")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     body, scene, result = folder / "body.usda", folder / "scene", folder / "result.usdc"

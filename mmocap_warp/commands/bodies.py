@@ -131,7 +131,7 @@ def import_body(
         parse_joint_set(text, made.body, Path(joint_set))
         made = replace(made, body=replace(made.body, joint_sets={Path(joint_set).stem: text}))
     if joints_target is not None:
-        write_joints_file(joints_target, made.body, made.freedom)
+        write_joints_file(joints_target, made.body, made.proposed, made.parents)
     if made.fault and not force:
         return made
     made = replace(made, notes=(*made.notes, *([made.fault] if made.fault else [])), fault="")

@@ -118,8 +118,9 @@ def _index(number: int) -> int:
 def _read_character(document: _Document, path: Path, character: str | None) -> rigged_mesh.RiggedMesh:
     nodes, skins = document.list("nodes"), document.list("skins")
     skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
-    moved = {each["target"].get("node") for one in document.list("animations") for each in one["channels"]}
-    if not skinned and not (moved and any("mesh" in node for node in nodes)):
+    channels = [each for one in document.list("animations") for each in one["channels"]]
+    moving = {number: number for each in channels if (number := each["target"].get("node")) is not None}
+    if not skinned and not (moving and any("mesh" in node for node in nodes)):
         raise InputError(path, "holds no skinned mesh", "export the character with its armature and skin")
     # The tree of the nodes, and the joints among them, parents first.
     above = [-1] * len(nodes)
@@ -129,8 +130,9 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
     rigged_mesh.parents_first(above)  # raises where nodes hang on each other in a circle
     skinned = _of_one_character(document, skinned, above, character, path) if skinned else []
     of_skins = (_index(joint) for _, node in skinned for joint in skins[_index(node["skin"])]["joints"])
-    # Where nothing has a skin, nodes that move and those with a mesh are the joints.
-    whole = [number for number, node in enumerate(nodes) if "mesh" in node or number in moved]
+    # Where nothing has a skin, nodes that move are the joints, and those with a mesh that hang on none.
+    held = {number for number, node in enumerate(nodes) if "mesh" in node and _nearest_above(number, above, moving) < 0}
+    whole = [number for number in range(len(nodes)) if number in moving or number in held]
     joints = list(dict.fromkeys(of_skins)) or whole
     joint_of = {node: joint for joint, node in enumerate(joints)}
     parent = [_nearest_above(node, above, joint_of) for node in joints]
@@ -139,18 +141,20 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
     # The skin, each part brought from the space in which it is bound to the scene's.
     parts: list[rigged_mesh.Skin] = []
     bind: dict[int, np.ndarray] = {}
-    scene_of_skin: dict[int, np.ndarray] = {}
-    for number, node in skinned:
-        own = _bind_transforms(document, skins[node["skin"]])
-        in_order = [joints[joint] for joint in order if joints[joint] in own]
-        if node["skin"] not in scene_of_skin:
-            own_bind = np.stack([own[joint] for joint in in_order])
-            scene_of_skin[node["skin"]] = _scene_from_bind(own_bind, rest[in_order], rest[number])
-        scene = scene_of_skin[node["skin"]]
-        for joint, matrix in own.items():
+    for skin in dict.fromkeys(node["skin"] for _, node in skinned):
+        own = _bind_transforms(document, skins[skin])
+        of_skin = [(number, node["mesh"]) for number, node in skinned if node["skin"] == skin]
+        read = [part for _, mesh in of_skin for part in _read_mesh(document, mesh, [joint_of[joint] for joint in own])]
+        followed = {joint for part in read for joint in np.unique(part.influence[part.weight > 0]).tolist()}
+        # Where no skin follows a joint, some exporters write no bind transform: the identity, which is not used.
+        known = {j: own[j] for j in own if joint_of[j] in followed or np.abs(own[j] - np.eye(4)).max() > 1e-6} or own
+        in_order = [joints[joint] for joint in order if joints[joint] in known]
+        own_bind = np.stack([known[joint] for joint in in_order])
+        scene = _scene_from_bind(own_bind, rest[in_order], rest[of_skin[0][0]])
+        for joint, matrix in known.items():
             bind.setdefault(joint, scene @ matrix)
-        parts += _read_mesh(document, node["mesh"], [joint_of[joint] for joint in own], scene)
-    bind = bind or {node: rest[node] for node in joints}
+        parts += [rigged_mesh.moved(part, scene) for part in read]
+    bind = _bound_by_neighbours(bind, rest, joints, parent) if bind else {node: rest[node] for node in joints}
     # Meshes without a skin that hang on a joint follow it.
     motions, notes = _node_motions(document, nodes, above, joints)
     for number, node in enumerate(nodes):
@@ -158,7 +162,7 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
         if "skin" in node or joint < 0:
             continue
         scene = bind[joints[joint]] @ np.linalg.inv(rest[joints[joint]]) @ rest[number]
-        parts += _read_mesh(document, node["mesh"], joint, scene)
+        parts += [rigged_mesh.moved(part, scene) for part in _read_mesh(document, node["mesh"], joint)]
         if number != joints[joint]:
             notes.append(
                 f"mesh {node.get('name') or number} has no skin: it follows {nodes[joints[joint]].get('name')}"
@@ -171,7 +175,7 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
         **rigged_mesh.joined_parts(parts)._asdict(),
         motions=motions,
         attribution=str(document.json.get("asset", {}).get("copyright", "")),
-        notes=tuple(notes),
+        notes=tuple(dict.fromkeys(notes)),
     )
     return rigged_mesh.reorder(mesh, order)
 
@@ -216,11 +220,10 @@ def _nearest_above(node: int, above: list[int], joint_of: dict[int, int], *, inc
     return joint_of.get(node, -1)
 
 
-def _read_mesh(document: _Document, number: int, joints: list[int] | int, scene: np.ndarray) -> list[rigged_mesh.Skin]:
-    """A mesh's parts, brought into the scene, which follow the joints of a skin, or all one joint."""
+def _read_mesh(document: _Document, number: int, joints: list[int] | int) -> list[rigged_mesh.Skin]:
+    """A mesh's parts, which follow the joints of a skin, or all one joint."""
     primitives = document.list("meshes")[_index(number)]["primitives"]
-    parts = [_read_primitive(document, primitive, joints) for primitive in primitives]
-    return [part._replace(vertex=part.vertex @ scene[:3, :3].T + scene[:3, 3]) for part in parts]
+    return [_read_primitive(document, primitive, joints) for primitive in primitives]
 
 
 def _read_primitive(document: _Document, primitive: dict[str, Any], joints: list[int] | int) -> rigged_mesh.Skin:
@@ -260,6 +263,40 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
     nearest = min(map(apart, candidates))
     slack = 1e-3 * float(np.ptp(rest[:, :3, 3], axis=0).max())
     return next(scene for scene in candidates if apart(scene) <= nearest + slack)
+
+
+def _bound_by_neighbours(
+    bind: dict[int, np.ndarray], rest: np.ndarray, joints: list[int], parent: list[int]
+) -> dict[int, np.ndarray]:
+    """The bind transform (4, 4) of every joint, by its node: one without is where bones to its neighbours put it.
+
+    Where two bones or fewer leave it free to turn, it is turned as its neighbours are.
+    """
+    from scipy.spatial.transform import Rotation
+
+    little = 0.01 * float(np.ptp([matrix[:3, 3] for matrix in bind.values()], axis=0).max())
+    corners = np.vstack([np.zeros(3), little * np.eye(3)])
+    beside: dict[int, list[int]] = {node: [] for node in joints}
+    for joint, above in zip(joints, parent, strict=True):
+        if above >= 0:
+            beside[joint].append(joints[above])
+            beside[joints[above]].append(joint)
+    bind = dict(bind)
+    while waiting := {joint: [near for near in beside[joint] if near in bind] for joint in joints if joint not in bind}:
+        joint = max(waiting, key=lambda joint: len(waiting[joint]))
+        # What takes the neighbours' places from where the nodes have them to where they are bound.
+        before, after = [np.zeros((0, 3))], [np.zeros((0, 3))]
+        for near in waiting[joint]:
+            turn = Rotation.from_matrix((bind[near] @ np.linalg.inv(rest[near]))[:3, :3])
+            before.append(rest[near, :3, 3] + corners)
+            after.append(bind[near][:3, 3] + turn.apply(corners))
+        bind[joint] = rest[joint].copy()
+        if waiting[joint]:
+            start, end = np.concatenate(before), np.concatenate(after)
+            turn = Rotation.align_vectors(end - end.mean(axis=0), start - start.mean(axis=0))[0]
+            bind[joint][:3] = turn.as_matrix() @ rest[joint, :3]
+            bind[joint][:3, 3] += end.mean(axis=0) - turn.apply(start.mean(axis=0))
+    return bind
 
 
 def _file_inside(folder: Path, name: str, source: object) -> Path:
@@ -328,8 +365,10 @@ def _interpolate(when: np.ndarray, time: np.ndarray, value: np.ndarray, how: str
 
     if how == "CUBICSPLINE":  # tangents around each value; straight lines between the values come close
         value = value[1::3]
-    if len(time) != len(value) or (np.diff(time) <= 0).any() or not np.isfinite(value).all():
+    if len(time) != len(value) or (np.diff(time) < 0).any() or not np.isfinite(value).all():
         raise ValueError("an animation's keys are not in order, or not finite")
+    last = np.append(np.diff(time) > 0, True)  # of keys at the same time the last counts
+    time, value = time[last], value[last]
     if how == "STEP":
         return value[np.maximum(np.searchsorted(time, when, side="right") - 1, 0)]
     if path == "rotation" and len(time) > 1:

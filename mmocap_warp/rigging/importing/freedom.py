@@ -1,15 +1,23 @@
 """How an imported joint moves: as its file says, or as bones and skin suggest."""
 
+import itertools
 import re
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from mmocap_warp.body.rotations import continuous_zyx_angles, nearest_rotation, transposed
 from mmocap_warp.body.skeleton import Pair
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, skinned
-from mmocap_warp.rigging.importing.joint_tree import chains, skin_below, skin_of
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
+from mmocap_warp.rigging.importing.joint_tree import (
+    all_frames,
+    bound_anew,
+    chains,
+    local_transforms,
+    name_list,
+    skin_below,
+    skin_of,
+)
 
 _FLAT = 0.2  # bones lie in a plane if they leave it by less than this share of what they leave a line by
 _BENT, _BENT_ALONE = 0.05, 0.1  # a limb that leaves a line by this share of its length has a plane
@@ -32,7 +40,7 @@ class Freedom:
     frame: np.ndarray
     free: str  # axes that are searched, such as ``xyz``, ``x`` or none
     limits: np.ndarray  # (3, 2), lowest and highest angle about each axis [rad], or shift along it [m]
-    origin: str  # where this is from: ``file``, ``derived`` or ``given``
+    origin: str  # where this is from: ``file``, ``derived``, ``given``, or why it is proposed
     slides: bool = False  # whether it slides along its axes instead of turning about them
 
 
@@ -51,20 +59,16 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     """
     place, skin, below = mesh.bind[:, :3, 3], skin_of(mesh), skin_below(mesh)
     ends = _ends(mesh, place, skin)
-    extent = float(np.ptp(place, axis=0).max())
     least_travel = _TRAVEL * float(np.ptp(mesh.vertex, axis=0).max())
     in_pairs = {joint for _, *sides in pairs for joint in sides}
     # What bones suggest: limbs by their chains; all other joints turn as those of a spine do.
     derived: list[Freedom] = [_ball(place[j], ends[j], _SPINE, _SPINE) for j in range(len(mesh.joints))]
-    for chain in chains(mesh.parent):
-        in_middle = bool(pairs) and bool((np.abs(place[chain, 0] - place[0, 0]) < 0.02 * extent).all())
-        if in_middle:
-            continue
+    for chain in _limbs(mesh, pairs):
         derived[chain[0]] = _ball(place[chain[0]], ends[chain[0]], _SWING, _TWIST)
         points = np.concatenate([place[chain], ends[chain[-1]][None]])
         paired = mesh.joints[chain[0]] in in_pairs  # a bend that both sides have is not there by chance
         normal = _plane_normal(points, _BENT if paired else _BENT_ALONE)
-        for before, joint in pairwise(chain):
+        for before, joint in itertools.pairwise(chain):
             if normal is None:
                 derived[joint] = _ball(place[joint], ends[joint], _SWING, _TWIST)
             else:
@@ -82,6 +86,12 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     return freedoms
 
 
+def _limbs(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[list[int]]:
+    """The chains of joints that do not lie in the plane of symmetry; of a mesh without pairs all of them."""
+    aside = np.abs(mesh.bind[:, 0, 3] - mesh.bind[0, 0, 3]) >= 0.02 * float(np.ptp(mesh.bind[:, :3, 3], axis=0).max())
+    return [chain for chain in chains(mesh.parent) if not pairs or aside[chain].any()]
+
+
 _MARGIN = np.radians(10.0)  # limits are wider than what motions show
 _FARTHEST = np.radians([180.0, 85.0, 180.0])  # that any angle may be; at 90 the middle one would lock the others
 
@@ -89,7 +99,7 @@ _FARTHEST = np.radians([180.0, 85.0, 180.0])  # that any angle may be; at 90 the
 def as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> list[Freedom]:
     """Freedom in which joints whose file says nothing turn as far as its motions show; a hinge stays one."""
     found = list(freedom)
-    world = _all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])
+    world = all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])
     for joint, how in enumerate(freedom):
         if joint == 0 or not how.free or how.origin != "derived" or not len(world):
             continue
@@ -107,23 +117,17 @@ def held_as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[RiggedMesh, 
 
     A fist of held fingers stays a fist: an open hand is not what is filmed.
     """
-    world, bind = _all_frames(mesh)[..., :3, :3], mesh.bind.copy()
+    world = all_frames(mesh)[..., :3, :3]
     held = [joint for joint, how in enumerate(freedom) if joint and not how.free and joint not in mesh.axes]
     if not held or not len(world):
         return mesh, freedom
-    for joint, above in enumerate(mesh.parent[1:], 1):
-        local = np.linalg.inv(mesh.bind[above]) @ mesh.bind[joint]
-        if joint in held:
-            local[:3, :3] = nearest_rotation((transposed(world[:, above]) @ world[:, joint]).mean(axis=0))
-        bind[joint] = bind[above] @ local
-    turned = bind[:, :3, :3] @ transposed(mesh.bind[:, :3, :3])
-    moved = [replace(how, frame=turn @ how.frame) for how, turn in zip(freedom, turned, strict=True)]
-    return replace(mesh, bind=bind, vertex=skinned(mesh, bind)), moved
-
-
-def _all_frames(mesh: RiggedMesh) -> np.ndarray:
-    """(frame, joint, 4, 4) all motions, one after the other."""
-    return np.concatenate([np.zeros((0, *mesh.bind.shape)), *(motion.world for motion in mesh.motions.values())])
+    local = local_transforms(mesh)
+    for joint in held:
+        turned = transposed(world[:, mesh.parent[joint]]) @ world[:, joint]
+        local[joint, :3, :3] = nearest_rotation(turned.mean(axis=0))
+    bound = bound_anew(mesh, local)
+    turned = bound.bind[:, :3, :3] @ transposed(mesh.bind[:, :3, :3])
+    return bound, [replace(how, frame=turn @ how.frame) for how, turn in zip(freedom, turned, strict=True)]
 
 
 MOST_SEARCHED = 100
@@ -142,18 +146,18 @@ def without_fine_joints(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[list[
 
     def hold(joints: list[int], why: str) -> None:
         for joint in joints:
-            found[joint] = replace(found[joint], free="")
+            found[joint] = replace(found[joint], free="", origin=f"held, {why}")
         if joints:
-            names = [mesh.joints[joint] for joint in joints]
-            few = ", ".join(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more"
-            notes.append(f"held: {few}, {why}; free them in a joints file (--write-joints, --joints)")
+            notes.append(
+                f"held: {name_list(mesh, joints)}, {why}; free them in a joints file (--write-joints, --joints)"
+            )
 
     def is_fine(joint: int) -> bool:
         own = mesh.vertex[((mesh.influence == joint) & (mesh.weight > 0.5)).any(axis=1)]
         return not len(own) or float(np.ptp(own, axis=0).max()) < _FINE_SKIN * extent
 
     free = [joint for joint, how in enumerate(found) if joint and how.free and how.origin == "derived"]
-    hold([j for j in free if _FINE_NAMES.search(mesh.joints[j]) and is_fine(j)], "which masks of the body do not show")
+    hold([j for j in free if _FINE_NAMES.search(mesh.joints[j]) and is_fine(j)], "too fine for masks of the body")
     small = []
     for joint in sorted(free, key=lambda joint: (below[joint], joint)):
         if 6 + sum(len(how.free) for j, how in enumerate(found) if j and j not in small) <= MOST_SEARCHED:
@@ -161,6 +165,56 @@ def without_fine_joints(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[list[
         small.append(joint)
     hold([joint for joint in small if found[joint].free], f"as at most {MOST_SEARCHED} coordinates are searched")
     return found, notes
+
+
+_STILL = np.radians(3.0)  # a joint that motions turn by less from its mean does not turn
+_SHOWN = np.radians(20.0)  # a joint that they turn by more shows its axis,
+_ASIDE = np.radians(5.0)  # and is a hinge if it leaves that axis by no more than this
+
+
+def with_proposals(
+    mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom]
+) -> tuple[list[Freedom], list[str]]:
+    """Freedom in which joints that no motion turns are held, and limbs' joints that turn about one axis are hinges.
+
+    It is a proposal for a user to read, because motions show but a part of what a body does; a line says what it is.
+    Both joints of a pair are so, or neither. Motions that turn fewer than half of the joints show too little.
+    """
+    from scipy.spatial.transform import Rotation
+
+    world, found = all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3]), list(freedom)
+    derived = [joint for joint, how in enumerate(freedom) if joint and how.free and how.origin == "derived"]
+    in_limbs = {joint for limb in _limbs(mesh, pairs) for joint in limb[1:]}
+    still, hinges = set(), set()
+    for joint in derived if len(world) else []:
+        turns = Rotation.from_matrix(transposed(world[:, mesh.parent[joint]]) @ world[:, joint])
+        vector, how, limits = turns.as_rotvec(), freedom[joint], np.zeros((3, 2))
+        axis = np.linalg.svd(vector)[2][0]
+        axis *= np.sign((vector @ axis).max() + (vector @ axis).min()) or 1.0  # it bends to the positive side
+        about = vector @ axis
+        if (turns * turns.mean().inv()).magnitude().max() < _STILL:
+            still.add(joint)
+            found[joint] = replace(how, free="", origin="held, as no motion turns it")
+        elif np.ptp(about) > _SHOWN and np.linalg.norm(vector - np.outer(about, axis), axis=1).max() < _ASIDE:
+            limits[0] = (-_STRAIGHT, _CLOSED) if about.min() > -_EITHER_WAY else (-_HINGE, _HINGE)
+            limits[0] = min(limits[0, 0], about.min() - _MARGIN), max(limits[0, 1], about.max() + _MARGIN)
+            if joint in in_limbs and (how.free != "x" or abs(axis @ how.frame[:, 0]) < np.cos(_ASIDE)):
+                hinges.add(joint)
+                frame = hinge_frame(axis, how.frame[:, 1])
+                found[joint] = Freedom(frame, "x", limits, "hinge, as motions turn it about one axis")
+    for same, (_, *sides) in itertools.product((still, hinges), pairs):
+        both = {mesh.joints.index(name) for name in sides}
+        for joint in both & same if not both <= same else ():
+            found[joint] = freedom[joint]
+            same.discard(joint)
+    if 2 * len(still) > len(derived) or not still | hinges:
+        return freedom, []
+    shown = [f"{name_list(mesh, sorted(each))} {what}" for each, what in ((still, "held"), (hinges, "hinges")) if each]
+    were, are = (sum(len(how.free) for how in each) for each in (freedom, found))
+    return found, [
+        f"its motions propose: {', '.join(shown)} ({were} -> {are} angles); --write-joints FILE.toml writes it to be "
+        "edited, --joints FILE.toml reads it"
+    ]
 
 
 def _is_one_chain(mesh: RiggedMesh) -> bool:

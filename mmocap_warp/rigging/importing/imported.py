@@ -18,7 +18,14 @@ from mmocap_warp.rigging.importing.closing import (
     weighted,
     welded,
 )
-from mmocap_warp.rigging.importing.freedom import Freedom, as_seen, freedom_of, held_as_seen, without_fine_joints
+from mmocap_warp.rigging.importing.freedom import (
+    Freedom,
+    as_seen,
+    freedom_of,
+    held_as_seen,
+    with_proposals,
+    without_fine_joints,
+)
 from mmocap_warp.rigging.importing.joint_tree import (
     mirrored_pairs,
     name_list,
@@ -28,6 +35,7 @@ from mmocap_warp.rigging.importing.joint_tree import (
     with_named_joints,
     with_one_root,
     with_parents,
+    with_usual_bones,
 )
 from mmocap_warp.rigging.importing.joints_file import GivenJoints, with_given
 from mmocap_warp.rigging.importing.proof import SAME_OUTLINE, Outline, strays, worst_outline
@@ -52,6 +60,8 @@ class Imported:
 
     body: BodyModel
     freedom: list[Freedom]  # of its joints, in their order
+    proposed: list[Freedom]  # the same as a joints file proposes it, in the axes of the file's bind pose
+    parents: dict[str, str]  # the names of joints that hang on others than in the file, and of those
     motions: dict[str, BodyMotion]  # its animations by name
     notes: tuple[str, ...]  # what was done or left out, a line each
     fault: str  # why the body is not the file's; empty where it is
@@ -90,18 +100,23 @@ def imported(
     # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
+    hung = dict(_parents(mesh))
     mesh = with_moving_parents(with_parents(mesh, given.parents), given.parents)
-    mesh = weighted(welded(with_one_root(mesh)))
+    sliding = [name for name, joint in given.joints.items() if joint.slides]
+    mesh = with_usual_bones(weighted(welded(with_one_root(mesh))), sliding)
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
     # How its joints move, and the closed mesh that is tracked.
     pairs = mirrored_pairs(mesh.joints, mesh.parent, mesh.bind[:, :3, 3])
+    if not pairs and not mesh.rigid and facing is None:
+        mesh, pairs = _facing_aside(mesh)
     freedom, held_notes = without_fine_joints(mesh, as_seen(mesh, freedom_of(mesh, pairs)))
     freedom = with_given(freedom, mesh.joints, given)
+    proposed, proposals = with_proposals(mesh, pairs, freedom)
     mesh, freedom = held_as_seen(mesh, freedom)
     place = mesh.bind[:, :3, 3]
     skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles, skin_triangles)
-    notes = [*mesh.notes, *_size_note(mesh, scale), *held_notes]
+    notes = [*mesh.notes, *_size_note(mesh, scale), *held_notes, *proposals]
     if held := [name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides and not how.free]:
         notes.append(f"{', '.join(held)} slide by too little to be seen, or without limits: held at zero")
     notes += skin_notes
@@ -131,7 +146,24 @@ def imported(
     notes += motion_notes
     if outline.overlap < SAME_OUTLINE:
         notes.append(f"outline {outline.view}: overlaps the file's skin by {outline.overlap:.3f} only")
-    return Imported(body, freedom, motions, tuple(notes), fault, outline)
+    parents = {name: above for name, above in _parents(mesh) if above and hung[name] != above}
+    return Imported(body, freedom, proposed, parents, motions, tuple(notes), fault, outline)
+
+
+def _facing_aside(mesh: RiggedMesh) -> tuple[RiggedMesh, tuple[Pair, ...]]:
+    """The mesh turned by a quarter if that gives it left-right pairs, and those: few files say how they face."""
+    for facing in ("+x", "-x"):
+        turned = in_body_axes(mesh, mesh.up, facing, 1.0)
+        pairs = mirrored_pairs(turned.joints, turned.parent, turned.bind[:, :3, 3])
+        if len(pairs) > 1 and not sides_crossed(pairs):
+            return replace(turned, notes=(*mesh.notes, "its left and right show that it faces aside: turned")), pairs
+    return mesh, ()
+
+
+def _parents(mesh: RiggedMesh) -> list[tuple[str, str]]:
+    """The name of each joint, and of that which it hangs on; empty where it hangs on none."""
+    names = (*mesh.joints, "")
+    return [(name, names[above]) for name, above in zip(mesh.joints, mesh.parent, strict=True)]
 
 
 def _size_note(mesh: RiggedMesh, scale: float) -> list[str]:

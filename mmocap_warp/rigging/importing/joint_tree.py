@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from mmocap_warp.body.skeleton import Pair
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first, reorder
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first, reorder, skinned
 
 _LONGEST_CHAIN = 5  # number of joints that are searched together, at most
 _MIRRORED = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
@@ -68,7 +68,7 @@ def with_moving_parents(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMe
     if not mesh.motions:
         return mesh
     limit, skin = _LOOSE * float(np.ptp(mesh.vertex, axis=0).max()), skin_below(mesh)
-    world = np.concatenate([motion.world for motion in mesh.motions.values()])
+    world = all_frames(mesh)
     parent, notes = list(mesh.parent), list(mesh.notes)
     roots = [joint for joint, above in enumerate(parent) if above < 0]
     trunk = max(roots, key=lambda joint: skin[joint])
@@ -104,6 +104,49 @@ def with_moving_parents(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMe
     return reorder(replace(mesh, parent=tuple(parent), influence=influence, notes=tuple(notes)))
 
 
+_SAME_BONE = 0.01  # a bone is bound as it is if its end is nearer to where motions have it; a share of the extent
+
+
+def with_usual_bones(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:
+    """The mesh with bones as long as its motions mostly have them, where the bind pose has others.
+
+    Bones of a body keep their lengths, and some files bind ends without skin anywhere. Joints in ``kept`` and those
+    that slide by their file stay where they are bound.
+    """
+    world = all_frames(mesh)
+    if not len(world):
+        return mesh
+    local, limit, notes = local_transforms(mesh), _SAME_BONE * float(np.ptp(mesh.vertex, axis=0).max()), []
+    for joint, above in enumerate(mesh.parent[1:], 1):
+        usual = np.median((np.linalg.inv(world[:, above]) @ world[:, joint])[:, :3, 3], axis=0)
+        free = joint not in mesh.axes and mesh.joints[joint] not in kept
+        if free and np.linalg.norm(usual - local[joint, :3, 3]) > limit:
+            local[joint, :3, 3] = usual
+            notes.append(joint)
+    if not notes:
+        return mesh
+    said = f"bones to {name_list(mesh, notes)} are as its motions have them, not as its bind pose"
+    return replace(bound_anew(mesh, local), notes=(*mesh.notes, said))
+
+
+def local_transforms(mesh: RiggedMesh) -> np.ndarray:
+    """(joint, 4, 4): of each joint in the axes of the one that it hangs on, in the bind pose; of the root its own."""
+    return np.concatenate([mesh.bind[:1], np.linalg.inv(mesh.bind[list(mesh.parent[1:])]) @ mesh.bind[1:]])
+
+
+def bound_anew(mesh: RiggedMesh, local: np.ndarray) -> RiggedMesh:
+    """The mesh with its skin where joints have other transforms (joint, 4, 4) in the axes of what they hang on."""
+    bind = local.copy()
+    for joint, above in enumerate(mesh.parent[1:], 1):
+        bind[joint] = bind[above] @ local[joint]
+    return replace(mesh, bind=bind, vertex=skinned(mesh, bind))
+
+
+def all_frames(mesh: RiggedMesh) -> np.ndarray:
+    """(frame, joint, 4, 4) all motions, one after the other."""
+    return np.concatenate([np.zeros((0, *mesh.bind.shape)), *(motion.world for motion in mesh.motions.values())])
+
+
 def _strays(world: np.ndarray, joint: int) -> np.ndarray:
     """(frame, other joint): how far a joint is from its middle place in the axes of each other joint."""
     offset = world[:, joint, None, :3, 3] - world[:, :, :3, 3]
@@ -123,7 +166,8 @@ def _ancestors(parent: list[int], joint: int) -> list[int]:
 def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     """The mesh with one root, without joints that move no skin, and with notes of what was done.
 
-    1. Where all joints hang on none, those whose names share a beginning are chains that hang on the first joint.
+    1. Where all joints hang on none, those whose names share a beginning are chains that hang on the first joint,
+       unless motions show what they move with.
     2. Branches that no skin follows are left out, but for the end of a joint that skin follows.
     3. The root is the first joint that skin follows or on which several hang.
     4. Other joints that hang on none are hung on the root.
@@ -132,7 +176,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
         ValueError: all joints hang on none, and their names do not show chains.
     """
     notes = list(mesh.notes)
-    if len(mesh.joints) > 1 and all(parent < 0 for parent in mesh.parent):
+    if len(mesh.joints) > 1 and all(parent < 0 for parent in mesh.parent) and not mesh.motions:
         mesh = with_parents(mesh, _chains_by_name(mesh.joints))
         notes.append(f"its joints hang side by side: chains are taken from their names and hang on {mesh.joints[0]}")
     # Which joints skin could show: those with skin at or below them, and the ends of joints that have skin.
@@ -233,18 +277,21 @@ def mirrored_pairs(joints: tuple[str, ...], parent: tuple[int, ...], place: np.n
     other: dict[int, int] = {0: 0}
     pairs: list[Pair] = []
     for left in range(1, len(joints)):
-        if place[left, 0] <= middle + near / 2 or parent[left] not in other:
-            if abs(place[left, 0] - middle) <= near / 2 and other.get(parent[left]) == parent[left]:
-                other[left] = left
+        aside = place[left, 0] - middle
+        if aside < -near / 2 or left in other or parent[left] not in other:
             continue
+        # Left and right may begin at one place in the middle; what is there and has one side is its own image.
+        known = ("lr", "rl", "same") if aside > near / 2 else ("lr", "rl")
         candidates = [
             right
             for right in range(1, len(joints))
             if parent[right] == other[parent[left]]
-            and right not in other
+            and right not in (left, *other)
             and np.linalg.norm(image[left] - place[right]) <= near
-            and _sides(joints[left], joints[right])
+            and _sides(joints[left], joints[right]) in known
         ]
+        if not candidates and aside <= near / 2 and other[parent[left]] == parent[left]:
+            other[left] = left
         if candidates:
             right = min(candidates, key=lambda right: float(np.linalg.norm(image[left] - place[right])))
             other |= {left: right, right: left}

@@ -117,16 +117,20 @@ def _with_given_joint(freedom: Freedom, joint: GivenJoint) -> Freedom:
     return Freedom(frame, free, limits, "given", slides)
 
 
-def write_joints_file(path: str | Path, body: BodyModel, freedom: list[Freedom]) -> None:
-    """Write how joints move, to be edited."""
+def write_joints_file(path: str | Path, body: BodyModel, freedom: list[Freedom], parents: dict[str, str]) -> None:
+    """Write how joints move, and what some hang on by their names, to be edited."""
     root = "free" if freedom[0].free else "fixed"
     rigid, stands = str(body.rigid).lower(), str(body.skeleton.stands).lower()
     lines = [_ABOUT.format(name=body.name), f'root = "{root}"\nrigid = {rigid}\nstands = {stands}\n']
     for joint, how in list(zip(body.skeleton.joints, freedom, strict=True))[1:]:
         lines.append(f'\n[joints.{joint}]  # {how.origin}\nfree = "{how.free}"\n')
-        if how.slides:  # the axis too: it cannot be derived from bones, where another file has the body
+        if joint in parents:
+            lines.append(f'parent = "{parents[joint]}"\n')
+        if how.slides:
+            lines.append("slides = true\n")
+        if how.slides or how.origin[:5] in ("given", "hinge"):  # an axis that cannot be derived from bones
             along = ", ".join(f"{value:.6g}" for value in how.frame[:, 0].round(6) + 0.0)
-            lines.append(f"slides = true\nhinge = [{along}]\n")
+            lines.append(f"hinge = [{along}]\n")
         for axis in "xyz" if how.slides else how.free:  # with a slider's held axis, for those who free it
             low, high = how.limits["xyz".index(axis)] if how.slides else np.degrees(how.limits["xyz".index(axis)])
             if np.isfinite([low, high]).all() and (axis in how.free or low < high):

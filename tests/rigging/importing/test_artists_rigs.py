@@ -247,4 +247,4 @@ def test_fingers_are_held_and_no_more_is_searched_than_a_tracker_can(tmp_path: P
     assert 90 < len(searched) <= MOST_SEARCHED == descent.MOST_SEARCHED
     held = [note for note in made.notes if note.startswith("held:")]
     assert len(held) == 2
-    assert "finger_L, finger_R, which masks" in held[0]
+    assert "finger_L, finger_R, too fine for masks" in held[0]

@@ -166,7 +166,7 @@ def test_motions_move_the_bodys_joints_as_the_files(creature: RiggedMesh, made: 
 
 def test_a_joints_file_takes_the_place_of_what_is_derived(tmp_path: Path, creature: RiggedMesh, made: Imported) -> None:
     path = tmp_path / "joints.toml"
-    write_joints_file(path, made.body, made.freedom)
+    write_joints_file(path, made.body, made.proposed, made.parents)
     again = imported(creature, "creature", joints=read_joints_file(path))
     np.testing.assert_allclose(again.body.skeleton.limits, made.body.skeleton.limits, atol=1e-3)
     np.testing.assert_array_equal(again.body.skeleton.searched(), made.body.skeleton.searched())
@@ -226,7 +226,7 @@ def test_a_joints_file_frees_a_robots_base_and_its_shape(tmp_path: Path) -> None
     robot = read_urdf(tmp_path / "crane.urdf")
     path = tmp_path / "joints.toml"
     fixed = imported(robot, "crane")
-    write_joints_file(path, fixed.body, fixed.freedom)
+    write_joints_file(path, fixed.body, fixed.proposed, fixed.parents)
     again = imported(robot, "crane", joints=read_joints_file(path))
     assert (len(again.body.skeleton.searched()), again.body.rigid, again.body.skeleton.stands) == (3, True, True)
     path.write_text('root = "free"\nrigid = false\nstands = false\n')

@@ -121,7 +121,7 @@ def test_what_slides_too_little_or_without_limits_is_held_until_it_is_freed(tmp_
 def test_a_joints_file_says_what_slides_and_how_far(tmp_path: Path) -> None:
     made = robot(tmp_path)
     path = tmp_path / "joints.toml"
-    write_joints_file(path, made.body, made.freedom)
+    write_joints_file(path, made.body, made.proposed, made.parents)
     assert '[joints.hoist]  # file\nfree = "x"\nslides = true\nhinge = [0, 1, 0]\nx = [0, 0.5]\n' in path.read_text()
     again = robot(tmp_path, joints=path.read_text()).body.skeleton
     assert again.sliding == ("hoist",)
@@ -188,7 +188,7 @@ def test_a_motion_that_slides_goes_through_glb_and_usd_and_back(tmp_path: Path) 
     motion = through_poses(made.body.skeleton, keys, 60.0)
     file, back, joints = (tmp_path / name for name in ("crane.usdc", "back.usdc", "joints.toml"))
     write_body(file, made.body, {"Hoist": motion})
-    write_joints_file(joints, made.body, made.freedom)
+    write_joints_file(joints, made.body, made.proposed, made.parents)
     hinges = {"slew": "[0, 1, 0]", "luff": "[0, 0, 1]"}
     text = joints.read_text()
     for name, axis in hinges.items():

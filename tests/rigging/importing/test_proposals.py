@@ -1,0 +1,96 @@
+"""What motions propose of joints, written to a joints file, edited and read back; and how a file's body faces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_rigs import write_creature
+
+from mmocap_warp.body.rotations import turn
+from mmocap_warp.formats.rigged.gltf import read_gltf
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
+from mmocap_warp.rigging.importing.imported import Imported, imported
+from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_joints_file
+
+
+def walking(folder: Path) -> RiggedMesh:
+    """A creature that swings its legs anyhow and closes its shins about an axis that its bones do not show.
+
+    Its feet stay as they are, and the left one hangs on the armature.
+    """
+    mesh = read_gltf(write_creature(folder / "creature.glb"))
+    number = {name: joint for joint, name in enumerate(mesh.joints)}
+    when, world = np.linspace(0, 1, 21), np.repeat(mesh.bind[None], 21, axis=0)
+    local = np.linalg.inv(world[:, list(mesh.parent)]) @ world
+    for side in "LR":
+        local[:, number[f"leg.{side}"], :3, :3] = turn("x", when) @ turn("y", when**2)
+        local[:, number[f"shin.{side}"], :3, :3] = turn("z", when)
+    local[:, number["head"], :3, :3] = turn("y", when) @ turn("z", when**2)
+    for joint, above in enumerate(mesh.parent):
+        world[:, joint] = local[:, joint] if above < 0 else world[:, above] @ local[:, joint]
+    parent = list(mesh.parent)
+    parent[number["foot.L"]] = number["armature"]
+    return replace(mesh, parent=tuple(parent), motions={"Walk": RiggedMotion(30.0, world)})
+
+
+@pytest.fixture(scope="module")
+def walker(tmp_path_factory: pytest.TempPathFactory) -> RiggedMesh:
+    return walking(tmp_path_factory.mktemp("walker"))
+
+
+@pytest.fixture(scope="module")
+def made(walker: RiggedMesh) -> Imported:
+    return imported(walker, "creature")
+
+
+def test_what_motions_propose_goes_through_a_joints_file(tmp_path: Path, walker: RiggedMesh, made: Imported) -> None:
+    proposals = [note for note in made.notes if "propose" in note]
+    assert proposals == [
+        "its motions propose: foot_L, foot_R held, shin_L, shin_R hinges (16 -> 14 angles); "
+        "--write-joints FILE.toml writes it to be edited, --joints FILE.toml reads it"
+    ]
+    path = tmp_path / "joints.toml"
+    write_joints_file(path, made.body, made.proposed, made.parents)
+    text = path.read_text()
+    assert '[joints.foot_L]  # held, as no motion turns it\nfree = ""\nparent = "shin_L"\n' in text
+    assert '[joints.shin_R]  # hinge, as motions turn it about one axis\nfree = "x"\nhinge = [0, 0, 1]\n' in text
+    again = imported(walker, "creature", joints=read_joints_file(path))
+    assert len(again.body.skeleton.searched()) == len(made.body.skeleton.searched()) - 2
+    assert again.body.skeleton.parent == made.body.skeleton.parent
+    assert not [note for note in again.notes if "propose" in note]
+    np.testing.assert_allclose(again.body.skin.rest, made.body.skin.rest, atol=1e-7)
+    np.testing.assert_array_equal(again.body.tracking_face, made.body.tracking_face)
+    # What is written of what was read is the same, so that a second edit begins where the first ended.
+    write_joints_file(tmp_path / "again.toml", again.body, again.proposed, again.parents)
+    lines = [
+        [each.partition("  #")[0] for each in (tmp_path / name).read_text().splitlines()]
+        for name in ("joints.toml", "again.toml")
+    ]
+    assert [line for line in lines[0] if line not in lines[1]] == []
+
+
+def test_a_motion_of_one_joint_proposes_nothing(tmp_path: Path) -> None:
+    made = imported(read_gltf(write_creature(tmp_path / "creature.glb")), "creature")
+    assert made.motions
+    assert not [note for note in made.notes if "propose" in note]
+    assert [how.origin for how in made.proposed] == [how.origin for how in made.freedom]
+
+
+def test_a_body_that_faces_aside_is_turned_by_its_left_and_right(walker: RiggedMesh, made: Imported) -> None:
+    quarter = np.eye(4)
+    quarter[:3, :3] = turn("y", np.array(np.pi / 2))
+    aside = replace(
+        walker,
+        bind=quarter @ walker.bind,
+        vertex=walker.vertex @ quarter[:3, :3].T,
+        motions={"Walk": RiggedMotion(30.0, quarter @ walker.motions["Walk"].world)},
+    )
+    turned = imported(aside, "creature")
+    assert "its left and right show that it faces aside: turned" in turned.notes
+    assert turned.body.skeleton.pairs == made.body.skeleton.pairs
+    np.testing.assert_allclose(turned.body.joint_rest, made.body.joint_rest, atol=1e-6)
+    told = imported(aside, "creature", facing="+z")  # who says how it faces is believed
+    assert not told.body.skeleton.pairs

@@ -104,29 +104,51 @@ def with_moving_parents(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMe
     return reorder(replace(mesh, parent=tuple(parent), influence=influence, notes=tuple(notes)))
 
 
-_SAME_BONE = 0.01  # a bone is bound as it is if its end is nearer to where motions have it; a share of the extent
+_SAME_PLACE = 0.01  # a joint is where it is bound if motions have it nearer to there; as a share of the mesh's extent
 
 
 def with_usual_bones(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:
-    """The mesh with bones as long as its motions mostly have them, where the bind pose has others.
+    """The mesh with its joints where its motions turn them, and bones as long as they mostly have them.
 
-    Bones of a body keep their lengths, and some files bind ends without skin anywhere. Joints in ``kept`` and those
-    that slide by their file stay where they are bound.
+    Bones of a body keep their lengths. A joint that leaves its place is put where it turns, if there is such a place:
+    toys' legs swing about hips that are no joints. Some files bind ends without skin anywhere. Joints in ``kept`` and
+    those that slide by their file stay where they are bound.
     """
-    world = all_frames(mesh)
-    if not len(world):
-        return mesh
-    local, limit, notes = local_transforms(mesh), _SAME_BONE * float(np.ptp(mesh.vertex, axis=0).max()), []
+    world, bind = all_frames(mesh), mesh.bind.copy()
+    limit = _SAME_PLACE * float(np.ptp(mesh.vertex, axis=0).max())
+    usual: dict[int, np.ndarray] = {}
     for joint, above in enumerate(mesh.parent[1:], 1):
-        usual = np.median((np.linalg.inv(world[:, above]) @ world[:, joint])[:, :3, 3], axis=0)
-        free = joint not in mesh.axes and mesh.joints[joint] not in kept
-        if free and np.linalg.norm(usual - local[joint, :3, 3]) > limit:
-            local[joint, :3, 3] = usual
-            notes.append(joint)
-    if not notes:
+        if joint in mesh.axes or mesh.joints[joint] in kept or not len(world):
+            continue
+        seen = np.linalg.inv(world[:, above]) @ world[:, joint]
+        usual[joint] = np.median(seen[:, :3, 3], axis=0)
+        pivot, strays = _pivot(seen)
+        if _rms(seen[:, :3, 3] - usual[joint]) > max(limit, 2 * _rms(strays)):
+            bind[joint, :3, 3] += bind[joint, :3, :3] @ pivot
+            world[:, joint, :3, 3] += world[:, joint, :3, :3] @ pivot
+            usual[joint] = np.median(seen[:, :3, 3] + seen[:, :3, :3] @ pivot, axis=0)
+    ends = np.cumsum([len(motion.world) for motion in mesh.motions.values()])[:-1]
+    motions = zip(mesh.motions.items(), np.split(world, ends), strict=True) if len(world) else ()
+    mesh = replace(mesh, bind=bind, motions={name: replace(motion, world=own) for (name, motion), own in motions})
+    local = local_transforms(mesh)
+    other = [joint for joint, place in usual.items() if np.linalg.norm(place - local[joint, :3, 3]) > limit]
+    if not other:
         return mesh
-    said = f"bones to {name_list(mesh, notes)} are as its motions have them, not as its bind pose"
+    for joint in other:
+        local[joint, :3, 3] = usual[joint]
+    said = f"bones to {name_list(mesh, other)} are as its motions have them, not as its bind pose"
     return replace(bound_anew(mesh, local), notes=(*mesh.notes, said))
+
+
+def _pivot(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) the point of a joint that moves least in all of its transforms (frame, 4, 4), and (frame, 3) how it does."""
+    matrix = np.concatenate([seen[:, :3, :3], np.tile(-np.eye(3), (len(seen), 1, 1))], axis=2).reshape(-1, 6)
+    found = np.linalg.lstsq(matrix, -seen[:, :3, 3].ravel(), rcond=1e-3)[0]
+    return found[:3], (matrix @ found).reshape(-1, 3) + seen[:, :3, 3]
+
+
+def _rms(offset: np.ndarray) -> float:
+    return float(np.sqrt((offset**2).sum(axis=1).mean()))
 
 
 def local_transforms(mesh: RiggedMesh) -> np.ndarray:

@@ -60,7 +60,7 @@ def import_body(call: Any, output: Path) -> Answer:
     ]
     if not made.fault:
         return Answer(values, lines)
-    remedy = "say what those joints hang on in a joints file (--write-joints, --joints), or write it with --force"
+    remedy = "if that joint hangs on a wrong one, say so in a joints file (--write-joints, --joints), or use --force"
     return Answer(values, [*lines, f"check failed: {made.fault}; {remedy}"], CHECK_FAILED)
 
 

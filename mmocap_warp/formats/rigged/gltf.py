@@ -268,35 +268,19 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
 def _bound_by_neighbours(
     bind: dict[int, np.ndarray], rest: np.ndarray, joints: list[int], parent: list[int]
 ) -> dict[int, np.ndarray]:
-    """The bind transform (4, 4) of every joint, by its node: one without is where bones to its neighbours put it.
-
-    Where two bones or fewer leave it free to turn, it is turned as its neighbours are.
-    """
+    """The bind transform (4, 4) of every joint, by its node: one without is to a neighbour as the nodes have them."""
     from scipy.spatial.transform import Rotation
 
-    little = 0.01 * float(np.ptp([matrix[:3, 3] for matrix in bind.values()], axis=0).max())
-    corners = np.vstack([np.zeros(3), little * np.eye(3)])
-    beside: dict[int, list[int]] = {node: [] for node in joints}
-    for joint, above in zip(joints, parent, strict=True):
-        if above >= 0:
-            beside[joint].append(joints[above])
-            beside[joints[above]].append(joint)
+    beside = [(joints[above], joint) for joint, above in zip(joints, parent, strict=True) if above >= 0]
     bind = dict(bind)
-    while waiting := {joint: [near for near in beside[joint] if near in bind] for joint in joints if joint not in bind}:
-        joint = max(waiting, key=lambda joint: len(waiting[joint]))
-        # What takes the neighbours' places from where the nodes have them to where they are bound.
-        before, after = [np.zeros((0, 3))], [np.zeros((0, 3))]
-        for near in waiting[joint]:
-            turn = Rotation.from_matrix((bind[near] @ np.linalg.inv(rest[near]))[:3, :3])
-            before.append(rest[near, :3, 3] + corners)
-            after.append(bind[near][:3, 3] + turn.apply(corners))
-        bind[joint] = rest[joint].copy()
-        if waiting[joint]:
-            start, end = np.concatenate(before), np.concatenate(after)
-            turn = Rotation.align_vectors(end - end.mean(axis=0), start - start.mean(axis=0))[0]
-            bind[joint][:3] = turn.as_matrix() @ rest[joint, :3]
-            bind[joint][:3, 3] += end.mean(axis=0) - turn.apply(start.mean(axis=0))
-    return bind
+    for _ in joints:
+        for near, joint in (*beside, *(pair[::-1] for pair in beside)):
+            if near in bind and joint not in bind:
+                turn = Rotation.from_matrix((bind[near] @ np.linalg.inv(rest[near]))[:3, :3]).as_matrix()
+                bind[joint] = rest[joint].copy()
+                bind[joint][:3] = turn @ rest[joint, :3]
+                bind[joint][:3, 3] += bind[near][:3, 3] - turn @ rest[near, :3, 3]
+    return {joint: bind.get(joint, rest[joint]) for joint in joints}
 
 
 def _file_inside(folder: Path, name: str, source: object) -> Path:

@@ -8,16 +8,8 @@ import numpy as np
 
 from mmocap_warp.body.rotations import continuous_zyx_angles, nearest_rotation, transposed
 from mmocap_warp.body.skeleton import Pair
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
-from mmocap_warp.rigging.importing.joint_tree import (
-    all_frames,
-    bound_anew,
-    chains,
-    local_transforms,
-    name_list,
-    skin_below,
-    skin_of,
-)
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, skinned
+from mmocap_warp.rigging.importing.joint_tree import all_frames, chains, name_list, skin_below, skin_of
 
 _FLAT = 0.2  # bones lie in a plane if they leave it by less than this share of what they leave a line by
 _BENT, _BENT_ALONE = 0.05, 0.1  # a limb that leaves a line by this share of its length has a plane
@@ -117,17 +109,18 @@ def held_as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[RiggedMesh, 
 
     A fist of held fingers stays a fist: an open hand is not what is filmed.
     """
-    world = all_frames(mesh)[..., :3, :3]
+    world, bind = all_frames(mesh)[..., :3, :3], mesh.bind.copy()
     held = [joint for joint, how in enumerate(freedom) if joint and not how.free and joint not in mesh.axes]
     if not held or not len(world):
         return mesh, freedom
-    local = local_transforms(mesh)
-    for joint in held:
-        turned = transposed(world[:, mesh.parent[joint]]) @ world[:, joint]
-        local[joint, :3, :3] = nearest_rotation(turned.mean(axis=0))
-    bound = bound_anew(mesh, local)
-    turned = bound.bind[:, :3, :3] @ transposed(mesh.bind[:, :3, :3])
-    return bound, [replace(how, frame=turn @ how.frame) for how, turn in zip(freedom, turned, strict=True)]
+    for joint, above in enumerate(mesh.parent[1:], 1):
+        local = np.linalg.inv(mesh.bind[above]) @ mesh.bind[joint]
+        if joint in held:
+            local[:3, :3] = nearest_rotation((transposed(world[:, above]) @ world[:, joint]).mean(axis=0))
+        bind[joint] = bind[above] @ local
+    turned = bind[:, :3, :3] @ transposed(mesh.bind[:, :3, :3])
+    moved = [replace(how, frame=turn @ how.frame) for how, turn in zip(freedom, turned, strict=True)]
+    return replace(mesh, bind=bind, vertex=skinned(mesh, bind)), moved
 
 
 MOST_SEARCHED = 100
@@ -182,37 +175,37 @@ def with_proposals(
     """
     from scipy.spatial.transform import Rotation
 
-    world, found = all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3]), list(freedom)
+    world = all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])
     derived = [joint for joint, how in enumerate(freedom) if joint and how.free and how.origin == "derived"]
     in_limbs = {joint for limb in _limbs(mesh, pairs) for joint in limb[1:]}
-    still, hinges = set(), set()
+    shown: dict[int, Freedom] = {}
     for joint in derived if len(world) else []:
         turns = Rotation.from_matrix(transposed(world[:, mesh.parent[joint]]) @ world[:, joint])
         vector, how, limits = turns.as_rotvec(), freedom[joint], np.zeros((3, 2))
         axis = np.linalg.svd(vector)[2][0]
         axis *= np.sign((vector @ axis).max() + (vector @ axis).min()) or 1.0  # it bends to the positive side
         about = vector @ axis
+        limits[0] = (-_STRAIGHT, _CLOSED) if about.min() > -_EITHER_WAY else (-_HINGE, _HINGE)
+        limits[0] = min(limits[0, 0], about.min() - _MARGIN), max(limits[0, 1], about.max() + _MARGIN)
+        aside = np.linalg.norm(vector - np.outer(about, axis), axis=1).max()
         if (turns * turns.mean().inv()).magnitude().max() < _STILL:
-            still.add(joint)
-            found[joint] = replace(how, free="", origin="held, as no motion turns it")
-        elif np.ptp(about) > _SHOWN and np.linalg.norm(vector - np.outer(about, axis), axis=1).max() < _ASIDE:
-            limits[0] = (-_STRAIGHT, _CLOSED) if about.min() > -_EITHER_WAY else (-_HINGE, _HINGE)
-            limits[0] = min(limits[0, 0], about.min() - _MARGIN), max(limits[0, 1], about.max() + _MARGIN)
-            if joint in in_limbs and (how.free != "x" or abs(axis @ how.frame[:, 0]) < np.cos(_ASIDE)):
-                hinges.add(joint)
-                frame = hinge_frame(axis, how.frame[:, 1])
-                found[joint] = Freedom(frame, "x", limits, "hinge, as motions turn it about one axis")
-    for same, (_, *sides) in itertools.product((still, hinges), pairs):
-        both = {mesh.joints.index(name) for name in sides}
-        for joint in both & same if not both <= same else ():
-            found[joint] = freedom[joint]
-            same.discard(joint)
-    if 2 * len(still) > len(derived) or not still | hinges:
+            shown[joint] = replace(how, free="", origin="held, as no motion turns it")
+        elif joint in in_limbs and np.ptp(about) > _SHOWN and aside < _ASIDE:
+            frame = hinge_frame(axis, how.frame[:, 1])
+            shown[joint] = Freedom(frame, "x", limits, "hinge, as motions turn it about one axis")
+    other = {mesh.joints.index(one): mesh.joints.index(two) for _, *both in pairs for one, two in (both, both[::-1])}
+    alike = [
+        joint for joint, how in shown.items() if (two := shown.get(other.get(joint, joint))) and two.free == how.free
+    ]
+    still = [joint for joint in alike if not shown[joint].free]
+    hinges = [joint for joint in alike if shown[joint].free]
+    if 2 * len(still) > len(derived) or not alike:
         return freedom, []
-    shown = [f"{name_list(mesh, sorted(each))} {what}" for each, what in ((still, "held"), (hinges, "hinges")) if each]
+    found = [shown[joint] if joint in alike else how for joint, how in enumerate(freedom)]
+    said = [f"{name_list(mesh, each)} {what}" for each, what in ((still, "held"), (hinges, "hinges")) if each]
     were, are = (sum(len(how.free) for how in each) for each in (freedom, found))
     return found, [
-        f"its motions propose: {', '.join(shown)} ({were} -> {are} angles); --write-joints FILE.toml writes it to be "
+        f"its motions propose: {', '.join(said)} ({were} -> {are} angles); --write-joints FILE.toml writes it to be "
         "edited, --joints FILE.toml reads it"
     ]
 

@@ -103,13 +103,15 @@ def imported(
     hung = dict(_parents(mesh))
     mesh = with_moving_parents(with_parents(mesh, given.parents), given.parents)
     sliding = [name for name, joint in given.joints.items() if joint.slides]
-    mesh = with_usual_bones(weighted(welded(with_one_root(mesh))), sliding)
+    mesh = weighted(welded(with_one_root(mesh)))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
-    # How its joints move, and the closed mesh that is tracked.
-    pairs = mirrored_pairs(mesh.joints, mesh.parent, mesh.bind[:, :3, 3])
+    pairs = _pairs(mesh)
     if not pairs and not mesh.rigid and facing is None:
         mesh, pairs = _facing_aside(mesh)
+    # How its joints move, and the closed mesh that is tracked.
+    mesh = with_usual_bones(mesh, sliding)
+    pairs = max(pairs, _pairs(mesh), key=len)
     freedom, held_notes = without_fine_joints(mesh, as_seen(mesh, freedom_of(mesh, pairs)))
     freedom = with_given(freedom, mesh.joints, given)
     proposed, proposals = with_proposals(mesh, pairs, freedom)
@@ -150,11 +152,15 @@ def imported(
     return Imported(body, freedom, proposed, parents, motions, tuple(notes), fault, outline)
 
 
+def _pairs(mesh: RiggedMesh) -> tuple[Pair, ...]:
+    return mirrored_pairs(mesh.joints, mesh.parent, mesh.bind[:, :3, 3])
+
+
 def _facing_aside(mesh: RiggedMesh) -> tuple[RiggedMesh, tuple[Pair, ...]]:
     """The mesh turned by a quarter if that gives it left-right pairs, and those: few files say how they face."""
     for facing in ("+x", "-x"):
         turned = in_body_axes(mesh, mesh.up, facing, 1.0)
-        pairs = mirrored_pairs(turned.joints, turned.parent, turned.bind[:, :3, 3])
+        pairs = _pairs(turned)
         if len(pairs) > 1 and not sides_crossed(pairs):
             return replace(turned, notes=(*mesh.notes, "its left and right show that it faces aside: turned")), pairs
     return mesh, ()

@@ -114,54 +114,39 @@ def with_usual_bones(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:
     toys' legs swing about hips that are no joints. Some files bind ends without skin anywhere. Joints in ``kept`` and
     those that slide by their file stay where they are bound.
     """
-    world, bind = all_frames(mesh), mesh.bind.copy()
+    world, turning, bind, other = all_frames(mesh), mesh.bind.copy(), mesh.bind.copy(), []
     limit = _SAME_PLACE * float(np.ptp(mesh.vertex, axis=0).max())
-    usual: dict[int, np.ndarray] = {}
     for joint, above in enumerate(mesh.parent[1:], 1):
-        if joint in mesh.axes or mesh.joints[joint] in kept or not len(world):
-            continue
-        seen = np.linalg.inv(world[:, above]) @ world[:, joint]
-        usual[joint] = np.median(seen[:, :3, 3], axis=0)
-        pivot, strays = _pivot(seen)
-        if _rms(seen[:, :3, 3] - usual[joint]) > max(limit, 2 * _rms(strays)):
-            bind[joint, :3, 3] += bind[joint, :3, :3] @ pivot
-            world[:, joint, :3, 3] += world[:, joint, :3, :3] @ pivot
-            usual[joint] = np.median(seen[:, :3, 3] + seen[:, :3, :3] @ pivot, axis=0)
-    ends = np.cumsum([len(motion.world) for motion in mesh.motions.values()])[:-1]
-    motions = zip(mesh.motions.items(), np.split(world, ends), strict=True) if len(world) else ()
-    mesh = replace(mesh, bind=bind, motions={name: replace(motion, world=own) for (name, motion), own in motions})
-    local = local_transforms(mesh)
-    other = [joint for joint, place in usual.items() if np.linalg.norm(place - local[joint, :3, 3]) > limit]
-    if not other:
+        shift, local = np.eye(4), np.linalg.inv(turning[above]) @ turning[joint]
+        if len(world) and joint not in mesh.axes and mesh.joints[joint] not in kept:
+            seen = np.linalg.inv(world[:, above]) @ world[:, joint]
+            pivot, strays = _pivot(seen)
+            if _rms(seen[:, :3, 3] - np.median(seen[:, :3, 3], axis=0)) > max(limit, 2 * strays):
+                shift[:3, 3] = pivot
+                turning[joint], world[:, joint] = turning[joint] @ shift, world[:, joint] @ shift
+            local, usual = local @ shift, np.median(seen @ shift, axis=0)[:3, 3]
+            if np.linalg.norm(usual - local[:3, 3]) > limit:
+                local[:3, 3] = usual
+                other.append(joint)
+        bind[joint] = bind[above] @ local
+    if not other and np.array_equal(turning, mesh.bind):
         return mesh
-    for joint in other:
-        local[joint, :3, 3] = usual[joint]
     said = f"bones to {name_list(mesh, other)} are as its motions have them, not as its bind pose"
-    return replace(bound_anew(mesh, local), notes=(*mesh.notes, said))
+    moved = iter(np.split(world, np.cumsum([len(motion.world) for motion in mesh.motions.values()])))
+    motions = {name: replace(motion, world=next(moved)) for name, motion in mesh.motions.items()}
+    vertex = skinned(replace(mesh, bind=turning), bind)
+    return replace(mesh, bind=bind, vertex=vertex, motions=motions, notes=(*mesh.notes, *([said] if other else [])))
 
 
-def _pivot(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(3,) the point of a joint that moves least in all of its transforms (frame, 4, 4), and (frame, 3) how it does."""
+def _pivot(seen: np.ndarray) -> tuple[np.ndarray, float]:
+    """(3,) the point of a joint that moves least in all of its transforms (frame, 4, 4), and how far that strays."""
     matrix = np.concatenate([seen[:, :3, :3], np.tile(-np.eye(3), (len(seen), 1, 1))], axis=2).reshape(-1, 6)
     found = np.linalg.lstsq(matrix, -seen[:, :3, 3].ravel(), rcond=1e-3)[0]
-    return found[:3], (matrix @ found).reshape(-1, 3) + seen[:, :3, 3]
+    return found[:3], _rms((matrix @ found).reshape(-1, 3) + seen[:, :3, 3])
 
 
 def _rms(offset: np.ndarray) -> float:
     return float(np.sqrt((offset**2).sum(axis=1).mean()))
-
-
-def local_transforms(mesh: RiggedMesh) -> np.ndarray:
-    """(joint, 4, 4): of each joint in the axes of the one that it hangs on, in the bind pose; of the root its own."""
-    return np.concatenate([mesh.bind[:1], np.linalg.inv(mesh.bind[list(mesh.parent[1:])]) @ mesh.bind[1:]])
-
-
-def bound_anew(mesh: RiggedMesh, local: np.ndarray) -> RiggedMesh:
-    """The mesh with its skin where joints have other transforms (joint, 4, 4) in the axes of what they hang on."""
-    bind = local.copy()
-    for joint, above in enumerate(mesh.parent[1:], 1):
-        bind[joint] = bind[above] @ local[joint]
-    return replace(mesh, bind=bind, vertex=skinned(mesh, bind))
 
 
 def all_frames(mesh: RiggedMesh) -> np.ndarray:
@@ -331,14 +316,9 @@ def sides_crossed(pairs: tuple[Pair, ...]) -> bool:
 def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
     """The common beginning and the common end of two names, and what is between in each."""
     one, other = (re.sub(r"[_.\-: ]*\d+$", "", joint) or joint for joint in (one, other))  # without a number at the end
-    first = _common_length(one, other)
-    last = _common_length(one[first:][::-1], other[first:][::-1])
-    return one[:first], one[len(one) - last :], one[first : len(one) - last], other[first : len(other) - last]
-
-
-def _common_length(one: str, other: str) -> int:
-    """The length of the common beginning of two texts."""
-    return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+    halves = re.fullmatch(r"(.*)(.*?)(.*)\0\1(.*?)\3", f"{one}\0{other}", re.S)
+    begin, mine, end, others = halves.groups() if halves else ("", one, "", other)
+    return begin, end, mine, others
 
 
 def _sides(one: str, other: str) -> str:

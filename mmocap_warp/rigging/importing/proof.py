@@ -92,7 +92,8 @@ def strays(body: BodyModel, mesh: RiggedMesh, motions: Mapping[str, np.ndarray])
     worst = list(motions)[int(np.argmax(typical))]
     return lines, (
         f"joints are {middle:.0%} of its length from where the file's own motions have them, "
-        f"most of all {_farthest(body, motions[worst])} in {worst}"
+        f"most of all {_farthest(body, motions[worst])} in {worst}: "
+        "bones of a body keep their lengths, the file's do not"
     )
 
 

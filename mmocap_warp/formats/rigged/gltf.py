@@ -144,7 +144,8 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
     for skin in dict.fromkeys(node["skin"] for _, node in skinned):
         own = _bind_transforms(document, skins[skin])
         of_skin = [(number, node["mesh"]) for number, node in skinned if node["skin"] == skin]
-        read = [part for _, mesh in of_skin for part in _read_mesh(document, mesh, [joint_of[joint] for joint in own])]
+        own_joints = [joint_of[joint] for joint in own]
+        read = [part for _, mesh in of_skin for part in _read_mesh(document, mesh, own_joints, np.eye(4))]
         followed = {joint for part in read for joint in np.unique(part.influence[part.weight > 0]).tolist()}
         # Where no skin follows a joint, some exporters write no bind transform: the identity, which is not used.
         known = {j: own[j] for j in own if joint_of[j] in followed or np.abs(own[j] - np.eye(4)).max() > 1e-6} or own
@@ -153,8 +154,8 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
         scene = _scene_from_bind(own_bind, rest[in_order], rest[of_skin[0][0]])
         for joint, matrix in known.items():
             bind.setdefault(joint, scene @ matrix)
-        parts += [rigged_mesh.moved(part, scene) for part in read]
-    bind = _bound_by_neighbours(bind, rest, joints, parent) if bind else {node: rest[node] for node in joints}
+        parts += [part._replace(vertex=part.vertex @ scene[:3, :3].T + scene[:3, 3]) for part in read]
+    bind = _bound_by_neighbours(bind, rest, joints, [(joint, parent[joint]) for joint in order if parent[joint] >= 0])
     # Meshes without a skin that hang on a joint follow it.
     motions, notes = _node_motions(document, nodes, above, joints)
     for number, node in enumerate(nodes):
@@ -162,7 +163,7 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
         if "skin" in node or joint < 0:
             continue
         scene = bind[joints[joint]] @ np.linalg.inv(rest[joints[joint]]) @ rest[number]
-        parts += [rigged_mesh.moved(part, scene) for part in _read_mesh(document, node["mesh"], joint)]
+        parts += _read_mesh(document, node["mesh"], joint, scene)
         if number != joints[joint]:
             notes.append(
                 f"mesh {node.get('name') or number} has no skin: it follows {nodes[joints[joint]].get('name')}"
@@ -220,10 +221,11 @@ def _nearest_above(node: int, above: list[int], joint_of: dict[int, int], *, inc
     return joint_of.get(node, -1)
 
 
-def _read_mesh(document: _Document, number: int, joints: list[int] | int) -> list[rigged_mesh.Skin]:
-    """A mesh's parts, which follow the joints of a skin, or all one joint."""
+def _read_mesh(document: _Document, number: int, joints: list[int] | int, scene: np.ndarray) -> list[rigged_mesh.Skin]:
+    """A mesh's parts, brought into the scene, which follow the joints of a skin, or all one joint."""
     primitives = document.list("meshes")[_index(number)]["primitives"]
-    return [_read_primitive(document, primitive, joints) for primitive in primitives]
+    parts = [_read_primitive(document, primitive, joints) for primitive in primitives]
+    return [part._replace(vertex=part.vertex @ scene[:3, :3].T + scene[:3, 3]) for part in parts]
 
 
 def _read_primitive(document: _Document, primitive: dict[str, Any], joints: list[int] | int) -> rigged_mesh.Skin:
@@ -266,21 +268,26 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
 
 
 def _bound_by_neighbours(
-    bind: dict[int, np.ndarray], rest: np.ndarray, joints: list[int], parent: list[int]
+    bind: dict[int, np.ndarray], rest: np.ndarray, joints: list[int], bones: list[tuple[int, int]]
 ) -> dict[int, np.ndarray]:
-    """The bind transform (4, 4) of every joint, by its node: one without is to a neighbour as the nodes have them."""
+    """The bind transform (4, 4) of every joint, by its node: one without is to a neighbour as the nodes have them.
+
+    Bones are joints and what they hang on, from the roots outwards.
+    """
     from scipy.spatial.transform import Rotation
 
-    beside = [(joints[above], joint) for joint, above in zip(joints, parent, strict=True) if above >= 0]
-    bind = dict(bind)
-    for _ in joints:
-        for near, joint in (*beside, *(pair[::-1] for pair in beside)):
-            if near in bind and joint not in bind:
-                turn = Rotation.from_matrix((bind[near] @ np.linalg.inv(rest[near]))[:3, :3]).as_matrix()
-                bind[joint] = rest[joint].copy()
-                bind[joint][:3] = turn @ rest[joint, :3]
-                bind[joint][:3, 3] += bind[near][:3, 3] - turn @ rest[near, :3, 3]
-    return {joint: bind.get(joint, rest[joint]) for joint in joints}
+    near = {joint: joint for joint in bind}  # whose bind transform counts
+    for joint, above in (*bones[::-1], *bones):
+        one, other = joints[joint], joints[above]
+        near |= {a: near[b] for a, b in ((one, other), (other, one)) if a not in near and b in near}
+    bound = {}
+    for joint, of in ((joint, near.get(joint, joint)) for joint in joints):
+        turn = np.eye(4)
+        if of in bind:
+            turn[:3, :3] = Rotation.from_matrix((bind[of] @ np.linalg.inv(rest[of]))[:3, :3]).as_matrix()
+            turn[:3, 3] = bind[of][:3, 3] - turn[:3, :3] @ rest[of, :3, 3]
+        bound[joint] = bind[joint] if joint in bind else turn @ rest[joint]
+    return bound
 
 
 def _file_inside(folder: Path, name: str, source: object) -> Path:

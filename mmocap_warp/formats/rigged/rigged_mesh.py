@@ -93,11 +93,6 @@ class Skin(NamedTuple):
     weight: np.ndarray
 
 
-def moved(part: Skin, transform: np.ndarray) -> Skin:
-    """A part that a transform (4, 4) has moved."""
-    return part._replace(vertex=part.vertex @ transform[:3, :3].T + transform[:3, 3])
-
-
 def joined_parts(parts: list[Skin]) -> Skin:
     """Several parts as one."""
     width = max(part.weight.shape[1] for part in parts)

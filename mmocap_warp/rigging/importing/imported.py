@@ -100,18 +100,18 @@ def imported(
     # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
-    hung = dict(_parents(mesh))
+    hung = _parents(mesh)
     mesh = with_moving_parents(with_parents(mesh, given.parents), given.parents)
     sliding = [name for name, joint in given.joints.items() if joint.slides]
     mesh = weighted(welded(with_one_root(mesh)))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
-    pairs = _pairs(mesh)
+    pairs = mirrored_pairs(mesh)
     if not pairs and not mesh.rigid and facing is None:
         mesh, pairs = _facing_aside(mesh)
     # How its joints move, and the closed mesh that is tracked.
     mesh = with_usual_bones(mesh, sliding)
-    pairs = max(pairs, _pairs(mesh), key=len)
+    pairs = max(pairs, mirrored_pairs(mesh), key=len)
     freedom, held_notes = without_fine_joints(mesh, as_seen(mesh, freedom_of(mesh, pairs)))
     freedom = with_given(freedom, mesh.joints, given)
     proposed, proposals = with_proposals(mesh, pairs, freedom)
@@ -148,28 +148,23 @@ def imported(
     notes += motion_notes
     if outline.overlap < SAME_OUTLINE:
         notes.append(f"outline {outline.view}: overlaps the file's skin by {outline.overlap:.3f} only")
-    parents = {name: above for name, above in _parents(mesh) if above and hung[name] != above}
+    parents = {name: above for name, above in _parents(mesh).items() if hung.get(name) != above}
     return Imported(body, freedom, proposed, parents, motions, tuple(notes), fault, outline)
-
-
-def _pairs(mesh: RiggedMesh) -> tuple[Pair, ...]:
-    return mirrored_pairs(mesh.joints, mesh.parent, mesh.bind[:, :3, 3])
 
 
 def _facing_aside(mesh: RiggedMesh) -> tuple[RiggedMesh, tuple[Pair, ...]]:
     """The mesh turned by a quarter if that gives it left-right pairs, and those: few files say how they face."""
     for facing in ("+x", "-x"):
         turned = in_body_axes(mesh, mesh.up, facing, 1.0)
-        pairs = _pairs(turned)
+        pairs = mirrored_pairs(turned)
         if len(pairs) > 1 and not sides_crossed(pairs):
             return replace(turned, notes=(*mesh.notes, "its left and right show that it faces aside: turned")), pairs
     return mesh, ()
 
 
-def _parents(mesh: RiggedMesh) -> list[tuple[str, str]]:
-    """The name of each joint, and of that which it hangs on; empty where it hangs on none."""
-    names = (*mesh.joints, "")
-    return [(name, names[above]) for name, above in zip(mesh.joints, mesh.parent, strict=True)]
+def _parents(mesh: RiggedMesh) -> dict[str, str]:
+    """The name of what each joint hangs on, by its own; without roots."""
+    return {name: mesh.joints[above] for name, above in zip(mesh.joints, mesh.parent, strict=True) if above >= 0}
 
 
 def _size_note(mesh: RiggedMesh, scale: float) -> list[str]:

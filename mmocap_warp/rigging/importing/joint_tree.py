@@ -87,8 +87,11 @@ def with_moving_parents(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMe
             else:
                 parent[joint] = -1
     while varies:
-        for joint, share in varies.items():
-            share[[other for other in range(len(parent)) if joint in _ancestors(parent, other)]] = np.inf
+        for joint, share in varies.items():  # none hangs on itself
+            below = {joint}
+            for other in parents_first(parent):
+                below |= {other} if parent[other] in below else set()
+            share[list(below)] = np.inf
         joint = min(varies, key=lambda joint: varies[joint].min())
         holder = int(varies[joint].argmin())
         if varies.pop(joint)[holder] >= _STEADIER:
@@ -105,6 +108,7 @@ def with_moving_parents(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMe
 
 
 _SAME_PLACE = 0.01  # a joint is where it is bound if motions have it nearer to there; as a share of the mesh's extent
+_FAR = 4  # times as far it is put where it turns even if it leaves that place by more
 
 
 def with_usual_bones(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:
@@ -120,8 +124,8 @@ def with_usual_bones(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:
         shift, local = np.eye(4), np.linalg.inv(turning[above]) @ turning[joint]
         if len(world) and joint not in mesh.axes and mesh.joints[joint] not in kept:
             seen = np.linalg.inv(world[:, above]) @ world[:, joint]
-            pivot, strays = _pivot(seen)
-            if _rms(seen[:, :3, 3] - np.median(seen[:, :3, 3], axis=0)) > max(limit, 2 * strays):
+            leaves, (pivot, strays) = _rms(seen[:, :3, 3] - np.median(seen[:, :3, 3], axis=0)), _pivot(seen)
+            if leaves > limit and (strays < limit or leaves > max(_FAR * limit, 2 * strays)):
                 shift[:3, 3] = pivot
                 turning[joint], world[:, joint] = turning[joint] @ shift, world[:, joint] @ shift
             local, usual = local @ shift, np.median(seen @ shift, axis=0)[:3, 3]
@@ -159,15 +163,6 @@ def _strays(world: np.ndarray, joint: int) -> np.ndarray:
     offset = world[:, joint, None, :3, 3] - world[:, :, :3, 3]
     local = np.einsum("fjba,fjb->fja", world[:, :, :3, :3], offset)
     return np.linalg.norm(local - np.median(local, axis=0), axis=2)
-
-
-def _ancestors(parent: list[int], joint: int) -> list[int]:
-    """A joint, and all that it hangs on."""
-    chain = []
-    while joint >= 0:
-        chain.append(joint)
-        joint = parent[joint]
-    return chain
 
 
 def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
@@ -272,13 +267,13 @@ def parts_of(
     return tuple(names), tuple(part.tolist())
 
 
-def mirrored_pairs(joints: tuple[str, ...], parent: tuple[int, ...], place: np.ndarray) -> tuple[Pair, ...]:
-    """Joints that mirror each other across the plane of symmetry, the left one (at +X) first.
+def mirrored_pairs(mesh: RiggedMesh) -> tuple[Pair, ...]:
+    """Joints of a mesh in the body's axes that mirror each other across its plane of symmetry, the left (+X) first.
 
     They lie mirrored, hang on the same joint or on joints that mirror each other, and their names differ in the side
-    and a number alone. Of each joint there are the name, the number of its parent, and its centre (3,) in the body's
-    axes [m].
+    and a number alone.
     """
+    joints, parent, place = mesh.joints, mesh.parent, mesh.bind[:, :3, 3]
     middle, near = place[0, 0], _MIRRORED * float(np.ptp(place, axis=0).max())
     image = place * (-1, 1, 1) + (2 * middle, 0, 0)
     other: dict[int, int] = {0: 0}

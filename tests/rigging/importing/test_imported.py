@@ -265,10 +265,13 @@ def test_joints_side_by_side_are_chained_by_their_names(creature: RiggedMesh) ->
         with_one_root(replace(flat, joints=("a", "b", "c", "d", "e", "f")))
 
 
-def test_joints_that_lie_mirrored_but_are_named_otherwise_are_no_pair() -> None:
-    place = np.array([(0, 1, 0), (0.2, 0.5, 0), (-0.2, 0.5, 0), (0.2, 1.5, 0), (-0.2, 1.5, 0)])
-    parent = (-1, 0, 0, 0, 0)
-    pairs = mirrored_pairs(("root", "FL_hip", "FR_hip", "arm", "sensor"), parent, place)
-    assert pairs == (("F_hip", "FL_hip", "FR_hip"),)
-    pairs = mirrored_pairs(("root", "Leg_2_Left", "Leg_2_Right", "eye_01", "eye_02"), parent, place)
-    assert [(left, right) for _, left, right in pairs] == [("Leg_2_Left", "Leg_2_Right"), ("eye_01", "eye_02")]
+def test_joints_that_lie_mirrored_but_are_named_otherwise_are_no_pair(creature: RiggedMesh) -> None:
+    bind = np.tile(np.eye(4), (5, 1, 1))
+    bind[:, :3, 3] = (0, 1, 0), (0.2, 0.5, 0), (-0.2, 0.5, 0), (0.2, 1.5, 0), (-0.2, 1.5, 0)
+
+    def pairs(*joints: str) -> tuple:
+        return mirrored_pairs(replace(creature, joints=joints, parent=(-1, 0, 0, 0, 0), bind=bind))
+
+    assert pairs("root", "FL_hip", "FR_hip", "arm", "sensor") == (("F_hip", "FL_hip", "FR_hip"),)
+    named = pairs("root", "Leg_2_Left", "Leg_2_Right", "eye_01", "eye_02")
+    assert [(left, right) for _, left, right in named] == [("Leg_2_Left", "Leg_2_Right"), ("eye_01", "eye_02")]

@@ -47,7 +47,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     about three axes. A limb whose bones lie on a line has no plane: all its joints turn about three axes.
 
     A joint that slides is searched if its file gives it a travel that masks can show; else it is held, and its frame
-    and limits are those that it has once it is freed.
+    and limits are those that it has once it is freed. What the file says nothing of turns as far as its motions show.
     """
     place, skin, below = mesh.bind[:, :3, 3], skin_of(mesh), skin_below(mesh)
     ends = _ends(mesh, place, skin)
@@ -75,7 +75,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             freedoms.append(_freedom_of_file_joint(mesh.axes[joint], ends[joint] - place[joint], least_travel))
         else:
             freedoms.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
-    return freedoms
+    return _as_seen(mesh, freedoms)
 
 
 def _limbs(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[list[int]]:
@@ -88,7 +88,7 @@ _MARGIN = np.radians(10.0)  # limits are wider than what motions show
 _FARTHEST = np.radians([180.0, 85.0, 180.0])  # that any angle may be; at 90 the middle one would lock the others
 
 
-def as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> list[Freedom]:
+def _as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> list[Freedom]:
     """Freedom in which joints whose file says nothing turn as far as its motions show; a hinge stays one."""
     found = list(freedom)
     world = all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])

@@ -9,34 +9,8 @@ from mmocap_warp.body.rotations import applied, axis_vector, continuous_zyx_angl
 from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.rigging.decimation import decimate
-from mmocap_warp.rigging.importing.closing import (
-    ClosedMesh,
-    closed,
-    closed_pieces,
-    four_influences,
-    joined_meshes,
-    weighted,
-    welded,
-)
-from mmocap_warp.rigging.importing.freedom import (
-    Freedom,
-    as_seen,
-    freedom_of,
-    held_as_seen,
-    with_proposals,
-    without_fine_joints,
-)
-from mmocap_warp.rigging.importing.joint_tree import (
-    mirrored_pairs,
-    name_list,
-    parts_of,
-    sides_crossed,
-    with_moving_parents,
-    with_named_joints,
-    with_one_root,
-    with_parents,
-    with_usual_bones,
-)
+from mmocap_warp.rigging.importing import closing, joint_tree
+from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, held_as_seen, with_proposals, without_fine_joints
 from mmocap_warp.rigging.importing.joints_file import GivenJoints, with_given
 from mmocap_warp.rigging.importing.proof import SAME_OUTLINE, Outline, strays, worst_outline
 
@@ -99,20 +73,20 @@ def imported(
         raise ValueError(f"triangles must be {limits}, got {triangles} and {skin_triangles}")
     # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
-    mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
+    mesh = in_body_axes(joint_tree.with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
     hung = _parents(mesh)
-    mesh = with_moving_parents(with_parents(mesh, given.parents), given.parents)
+    mesh = joint_tree.with_moving_parents(joint_tree.with_parents(mesh, given.parents), given.parents)
     sliding = [name for name, joint in given.joints.items() if joint.slides]
-    mesh = weighted(welded(with_one_root(mesh)))
+    mesh = closing.weighted(closing.welded(joint_tree.with_one_root(mesh)))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
-    pairs = mirrored_pairs(mesh)
+    pairs = joint_tree.mirrored_pairs(mesh)
     if not pairs and not mesh.rigid and facing is None:
         mesh, pairs = _facing_aside(mesh)
     # How its joints move, and the closed mesh that is tracked.
-    mesh = with_usual_bones(mesh, sliding)
-    pairs = max(pairs, mirrored_pairs(mesh), key=len)
-    freedom, held_notes = without_fine_joints(mesh, as_seen(mesh, freedom_of(mesh, pairs)))
+    mesh = joint_tree.with_usual_bones(mesh, sliding)
+    pairs = max(pairs, joint_tree.mirrored_pairs(mesh), key=len)
+    freedom, held_notes = without_fine_joints(mesh, freedom_of(mesh, pairs))
     freedom = with_given(freedom, mesh.joints, given)
     proposed, proposals = with_proposals(mesh, pairs, freedom)
     mesh, freedom = held_as_seen(mesh, freedom)
@@ -122,7 +96,7 @@ def imported(
     if held := [name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides and not how.free]:
         notes.append(f"{', '.join(held)} slide by too little to be seen, or without limits: held at zero")
     notes += skin_notes
-    if sides_crossed(pairs):
+    if joint_tree.sides_crossed(pairs):
         notes.append("names say left of what lies to the right: the body may face the other way (--facing)")
     body = BodyModel(
         name=name,
@@ -156,8 +130,8 @@ def _facing_aside(mesh: RiggedMesh) -> tuple[RiggedMesh, tuple[Pair, ...]]:
     """The mesh turned by a quarter if that gives it left-right pairs, and those: few files say how they face."""
     for facing in ("+x", "-x"):
         turned = in_body_axes(mesh, mesh.up, facing, 1.0)
-        pairs = mirrored_pairs(turned)
-        if len(pairs) > 1 and not sides_crossed(pairs):
+        pairs = joint_tree.mirrored_pairs(turned)
+        if len(pairs) > 1 and not joint_tree.sides_crossed(pairs):
             return replace(turned, notes=(*mesh.notes, "its left and right show that it faces aside: turned")), pairs
     return mesh, ()
 
@@ -184,7 +158,7 @@ def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom],
     stands = (mesh.rigid or bool(pairs)) if stands is None else stands
     near_bind = stands and not mesh.rigid
     sliding = tuple(name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides)
-    parts, part = parts_of(mesh.joints, mesh.parent, sliding)
+    parts, part = joint_tree.parts_of(mesh.joints, mesh.parent, sliding)
     place = list(range(TRANSLATION)) if freedom[0].free else []
     angles = [TRANSLATION + 3 * j + "xyz".index(axis) for j, how in enumerate(freedom) for axis in how.free]
     searched = np.array([*place, *angles], np.int32)
@@ -220,11 +194,11 @@ def _spread(freedom: Freedom, near_bind: bool) -> float:
 def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMesh, np.ndarray, np.ndarray, list[str]]:
     """The full mesh, the tracking mesh's vertices in it and its triangles, and what was done."""
     notes = []
-    joint, weight, dropped = four_influences(mesh)
+    joint, weight, dropped = closing.four_influences(mesh)
     if dropped > _NEGLIGIBLE:
         notes.append(f"vertices follow at most four joints: up to {100 * dropped:.1f} % of one's weight was dropped")
     # A closed surface; its new vertices follow the joints of a vertex beside them.
-    surface = None if mesh.rigid else closed_pieces(mesh.vertex, mesh.face)
+    surface = None if mesh.rigid else closing.closed_pieces(mesh.vertex, mesh.face)
     surface = surface or _close_parts(mesh)
     notes += [f"tracking mesh: {surface.done}"] if surface.done else []
     vertex = np.concatenate([mesh.vertex, surface.added])
@@ -252,14 +226,14 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     return skin, tracking, np.searchsorted(kept, face).astype(np.int32), notes
 
 
-def _close_parts(mesh: RiggedMesh) -> ClosedMesh:
+def _close_parts(mesh: RiggedMesh) -> closing.ClosedMesh:
     """What follows each joint closed by itself: a robot's parts are hollow, and meet in joints."""
     follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
     names = np.unique(follows)
-    made = [closed(mesh.vertex, mesh.face[follows == joint], _PART_TRIANGLES, _PART_CELLS) for joint in names]
+    made = [closing.closed(mesh.vertex, mesh.face[follows == joint], _PART_TRIANGLES, _PART_CELLS) for joint in names]
     changed = [joint for joint, part in zip(names, made, strict=True) if part.done]
-    done = f"parts closed or wrapped in new surfaces: {name_list(mesh, changed)}" if changed else ""
-    return joined_meshes(made, len(mesh.vertex), done)
+    done = f"parts closed or wrapped in new surfaces: {joint_tree.name_list(mesh, changed)}" if changed else ""
+    return closing.joined_meshes(made, len(mesh.vertex), done)
 
 
 def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tuple[BodyMotion, np.ndarray]:

@@ -188,12 +188,18 @@ def _extent(vertex: np.ndarray, face: np.ndarray) -> float:
 
 def _sheets(face: np.ndarray) -> list[np.ndarray]:
     """Triangles that hang together over edges of two triangles."""
-    edge = np.sort(np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-    _, number, count = np.unique(edge, axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(number.ravel(), kind="stable")
-    first, second = order[count[number.ravel()[order]] == 2].reshape(-1, 2).T // 3
-    sheet = _pieces(first, second, len(face))
+    _, first, second, _ = _shared_edges(face)
+    sheet = _pieces(first // 3, second // 3, len(face))
     return [face[sheet == each] for each in np.unique(sheet)]
+
+
+def _shared_edges(face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """The sides of triangles (3 * face, 2), the two at each edge of two triangles, and the most at any edge."""
+    directed = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2)
+    _, edge, count = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(edge.ravel(), kind="stable")
+    first, second = order[count[edge.ravel()[order]] == 2].reshape(-1, 2).T
+    return directed, first, second, int(count.max(initial=0))
 
 
 def joined_meshes(parts: list[ClosedMesh], vertices: int, done: str) -> ClosedMesh:
@@ -212,14 +218,10 @@ def consistently_wound(face: np.ndarray) -> np.ndarray | None:
 
     None where an edge has more than two triangles, or the surface has one side only.
     """
-    directed = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2)
-    _, edge, count = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
-    if count.max(initial=0) > 2:
+    directed, first, second, most = _shared_edges(face)
+    if most > 2:
         return None
-    # The two triangles at each edge, and whether both run along it in one sense.
-    order = np.argsort(edge.ravel(), kind="stable")
-    first, second = order[count[edge.ravel()[order]] == 2].reshape(-1, 2).T
-    alike = directed[first, 0] == directed[second, 0]
+    alike = directed[first, 0] == directed[second, 0]  # whether both run along it in one sense
     # A graph has each triangle twice, as it is and turned round, and joins neighbours that agree. A two-sided surface
     # gives two pieces, the first of which holds its first triangle as it is. A one-sided surface gives one piece.
     first, second, many = first // 3, second // 3, len(face)

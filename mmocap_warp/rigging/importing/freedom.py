@@ -192,16 +192,14 @@ def with_proposals(
             shown[joint] = replace(how, free="", origin="held, as no motion turns it")
         elif joint in in_limbs and np.ptp(about) > _SHOWN and aside < _ASIDE:
             frame = hinge_frame(axis, how.frame[:, 1])
-            shown[joint] = Freedom(frame, "x", limits, "hinge, as motions turn it about one axis")
+            if how.free != "x" or abs(axis @ how.frame[:, 0]) < np.cos(_ASIDE):  # else it is that hinge already
+                shown[joint] = Freedom(frame, "x", limits, "hinge, as motions turn it about one axis")
     other = {mesh.joints.index(one): mesh.joints.index(two) for _, *both in pairs for one, two in (both, both[::-1])}
-    alike = [
-        joint for joint, how in shown.items() if (two := shown.get(other.get(joint, joint))) and two.free == how.free
-    ]
-    still = [joint for joint in alike if not shown[joint].free]
-    hinges = [joint for joint in alike if shown[joint].free]
-    if 2 * len(still) > len(derived) or not alike:
+    shown = {j: how for j, how in shown.items() if (two := shown.get(other.get(j, j))) and two.free == how.free}
+    still, hinges = ([joint for joint, how in shown.items() if how.free == free] for free in ("", "x"))
+    if 2 * len(still) > len(derived) or not shown:
         return freedom, []
-    found = [shown[joint] if joint in alike else how for joint, how in enumerate(freedom)]
+    found = [shown.get(joint, how) for joint, how in enumerate(freedom)]
     said = [f"{name_list(mesh, each)} {what}" for each, what in ((still, "held"), (hinges, "hinges")) if each]
     were, are = (sum(len(how.free) for how in each) for each in (freedom, found))
     return found, [

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.rigging.importing.freedom import Freedom, hinge_frame
 from mmocap_warp.whole_file import write_whole
@@ -90,10 +90,8 @@ def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoin
         if name not in joints:
             known = ", ".join(joints[:8]) + (" ..." if len(joints) > 8 else "")
             raise InputError(given.source, f"there is no joint '{name}'", f"name one of {known}")
-        try:
+        with input_errors(given.source, f"joint '{name}' {{error}}", "give its limits, in metres", ValueError):
             freedoms[joints.index(name)] = _with_given_joint(freedom[joints.index(name)], joint)
-        except ValueError as error:
-            raise InputError(given.source, f"joint '{name}' {error}", "give its limits, in metres") from None
     if given.fixed_root is not None:
         freedoms[0] = replace(freedoms[0], free="" if given.fixed_root else "xyz", origin="given")
     return freedoms

@@ -160,9 +160,9 @@ def without_fine_joints(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[list[
     return found, notes
 
 
-_STILL = np.radians(3.0)  # a joint that motions turn by less from its mean does not turn
+_STILL = np.radians(1.0)  # a joint that motions turn by less from its mean does not turn
 _SHOWN = np.radians(20.0)  # a joint that they turn by more shows its axis,
-_ASIDE = np.radians(5.0)  # and is a hinge if it leaves that axis by no more than this
+_ASIDE = np.radians(2.0)  # and is a hinge if it leaves that axis by no more than this
 
 
 def with_proposals(
@@ -190,10 +190,9 @@ def with_proposals(
         aside = np.linalg.norm(vector - np.outer(about, axis), axis=1).max()
         if (turns * turns.mean().inv()).magnitude().max() < _STILL:
             shown[joint] = replace(how, free="", origin="held, as no motion turns it")
-        elif joint in in_limbs and np.ptp(about) > _SHOWN and aside < _ASIDE:
+        elif joint in in_limbs and how.free == "xyz" and np.ptp(about) > _SHOWN and aside < _ASIDE:
             frame = hinge_frame(axis, how.frame[:, 1])
-            if how.free != "x" or abs(axis @ how.frame[:, 0]) < np.cos(_ASIDE):  # else it is that hinge already
-                shown[joint] = Freedom(frame, "x", limits, "hinge, as motions turn it about one axis")
+            shown[joint] = Freedom(frame, "x", limits, "hinge, as motions turn it about one axis")
     other = {mesh.joints.index(one): mesh.joints.index(two) for _, *both in pairs for one, two in (both, both[::-1])}
     shown = {j: how for j, how in shown.items() if (two := shown.get(other.get(j, j))) and two.free == how.free}
     still, hinges = ([joint for joint, how in shown.items() if how.free == free] for free in ("", "x"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -42,8 +43,6 @@ def test_an_animation_turns_its_joint_and_what_hangs_on_it(tmp_path: Path) -> No
 def test_a_skin_bound_in_another_space_is_brought_to_the_scenes(tmp_path: Path) -> None:
     """Exporters bind in the mesh's own space; here it is a hundred times larger and lies elsewhere."""
     plain = read_gltf(write_creature(tmp_path / "plain.glb"))
-    import json
-
     data = write_creature(tmp_path / "other.glb", scale=100.0).read_bytes()
     size = int.from_bytes(data[12:16], "little")
     nodes = json.loads(data[20 : 20 + size])["nodes"]
@@ -88,3 +87,46 @@ def test_damage_never_ends_in_another_error(tmp_path: Path) -> None:
             read_gltf(tmp_path / "damaged.glb")
         except InputError:
             continue
+
+
+def test_a_joint_without_skin_and_bind_transform_is_bound_beside_its_neighbour(tmp_path: Path) -> None:
+    file = write_creature(tmp_path / "creature.glb")
+    plain, data = read_gltf(file), file.read_bytes()
+    end = plain.joints.index("head end")
+    inverse, none = (
+        matrix.T.astype(np.float32).tobytes() for matrix in (np.linalg.inv(plain.bind[end].round(3)), np.eye(4))
+    )
+    assert data.count(inverse) == 1
+    file.write_bytes(data.replace(inverse, none))
+    np.testing.assert_allclose(read_gltf(file).bind, plain.bind, atol=1e-6)
+
+
+def test_of_keys_at_one_time_the_last_counts(tmp_path: Path) -> None:
+    file = write_creature(tmp_path / "creature.glb")
+    data, time = file.read_bytes(), np.array([0.0, 0.5], np.float32)
+    assert data.count(time.tobytes()) == 1
+    file.write_bytes(data.replace(time.tobytes(), np.full(2, 0.5, np.float32).tobytes()))
+    nod = read_gltf(file)
+    turned = nod.motions["Nod"].world[:, nod.joints.index("head"), 2, 1]
+    np.testing.assert_allclose(turned, np.sin(np.radians(30)), atol=1e-6)
+
+
+def test_parts_without_a_skin_that_never_move_by_themselves_are_no_joints(tmp_path: Path) -> None:
+    file = write_creature(tmp_path / "plain.glb")
+    size = int.from_bytes(file.read_bytes()[12:16], "little")
+    document = json.loads(file.read_bytes()[20 : 20 + size])
+    mesh, (nod,) = {"mesh": 0}, document["animations"]
+    nodes = [{"name": "body", "children": [1, 2]}, {"name": "cube"} | mesh, {"name": "leg", "children": [3]} | mesh]
+    moved = [{"sampler": 0, "target": {"node": node, "path": "rotation"}} for node in (0, 2)]
+    toy = read_gltf(
+        write_creature(
+            tmp_path / "toy.glb",
+            nodes=[*nodes, {"name": "cube", "translation": [0, 1, 0]} | mesh],
+            skins=[],
+            scenes=[{"nodes": [0]}],
+            animations=[nod | {"channels": moved}],
+        )
+    )
+    assert toy.joints == ("body", "leg")
+    assert toy.notes == ("mesh cube has no skin: it follows body", "mesh cube has no skin: it follows leg")
+    assert len(toy.vertex) == 3 * len(creature_mesh()[0])

@@ -1,4 +1,4 @@
-"""What motions propose of joints, written to a joints file, edited and read back; and how a file's body faces."""
+"""What motions show of joints: proposals for a joints file, where joints turn; and how a file's body faces."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_jo
 
 
 def walking(folder: Path) -> RiggedMesh:
-    """A creature that swings its legs anyhow and closes its shins about an axis that its bones do not show.
+    """A creature that swings its legs anyhow and closes its shins about one axis; its bones lie in no plane.
 
     Its feet stay as they are, and the left one hangs on the armature.
     """
     mesh = read_gltf(write_creature(folder / "creature.glb"))
     number = {name: joint for joint, name in enumerate(mesh.joints)}
+    mesh.bind[[number["shin.L"], number["shin.R"]], 0, 3] = 0.35, -0.35
     when, world = np.linspace(0, 1, 21), np.repeat(mesh.bind[None], 21, axis=0)
     local = np.linalg.inv(world[:, list(mesh.parent)]) @ world
     for side in "LR":
@@ -49,7 +50,7 @@ def made(walker: RiggedMesh) -> Imported:
 def test_what_motions_propose_goes_through_a_joints_file(tmp_path: Path, walker: RiggedMesh, made: Imported) -> None:
     proposals = [note for note in made.notes if "propose" in note]
     assert proposals == [
-        "its motions propose: foot_L, foot_R held, shin_L, shin_R hinges (16 -> 14 angles); "
+        "its motions propose: foot_L, foot_R held, shin_L, shin_R hinges (24 -> 14 angles); "
         "--write-joints FILE.toml writes it to be edited, --joints FILE.toml reads it"
     ]
     path = tmp_path / "joints.toml"
@@ -58,7 +59,7 @@ def test_what_motions_propose_goes_through_a_joints_file(tmp_path: Path, walker:
     assert '[joints.foot_L]  # held, as no motion turns it\nfree = ""\nparent = "shin_L"\n' in text
     assert '[joints.shin_R]  # hinge, as motions turn it about one axis\nfree = "x"\nhinge = [0, 0, 1]\n' in text
     again = imported(walker, "creature", joints=read_joints_file(path))
-    assert len(again.body.skeleton.searched()) == len(made.body.skeleton.searched()) - 2
+    assert len(again.body.skeleton.searched()) == len(made.body.skeleton.searched()) - 10
     assert again.body.skeleton.parent == made.body.skeleton.parent
     assert not [note for note in again.notes if "propose" in note]
     np.testing.assert_allclose(again.body.skin.rest, made.body.skin.rest, atol=1e-7)
@@ -94,3 +95,21 @@ def test_a_body_that_faces_aside_is_turned_by_its_left_and_right(walker: RiggedM
     np.testing.assert_allclose(turned.body.joint_rest, made.body.joint_rest, atol=1e-6)
     told = imported(aside, "creature", facing="+z")  # who says how it faces is believed
     assert not told.body.skeleton.pairs
+
+
+def test_a_joint_is_put_where_its_motions_turn_it(walker: RiggedMesh, made: Imported) -> None:
+    """An artist swings a leg about a point below its hip, and brings it back with translations."""
+    leg, away = walker.joints.index("leg.L"), np.eye(4)
+    away[:3, 3] = 0.1, -0.3, 0.05
+    bind, world = walker.bind.copy(), walker.motions["Walk"].world.copy()
+    bind[leg], world[:, leg] = bind[leg] @ away, world[:, leg] @ away
+    again = imported(replace(walker, bind=bind, motions={"Walk": RiggedMotion(30.0, world)}), "creature")
+    np.testing.assert_allclose(again.body.joint_rest, made.body.joint_rest, atol=1e-5)
+    assert any("joints within 0.0 mm" in note for note in again.notes)
+
+
+def test_left_and_right_may_begin_at_one_place(walker: RiggedMesh, made: Imported) -> None:
+    bind = walker.bind.copy()
+    bind[[walker.joints.index(f"leg.{side}") for side in "LR"], 0, 3] = 0.0
+    together = imported(replace(walker, bind=bind, motions={}), "creature").body.skeleton.pairs
+    assert together == made.body.skeleton.pairs[:2]  # without motions the left foot hangs on the armature

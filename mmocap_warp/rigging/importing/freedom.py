@@ -165,9 +165,7 @@ _SHOWN = np.radians(20.0)  # a joint that they turn by more shows its axis,
 _ASIDE = np.radians(2.0)  # and is a hinge if it leaves that axis by no more than this
 
 
-def with_proposals(
-    mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom]
-) -> tuple[list[Freedom], list[str]]:
+def propose(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom]) -> tuple[list[Freedom], list[str]]:
     """Freedom in which joints that no motion turns are held, and limbs' joints that turn about one axis are hinges.
 
     It is a proposal for a user to read, because motions show but a part of what a body does; a line says what it is.
@@ -209,15 +207,11 @@ def with_proposals(
 
 def _is_one_chain(mesh: RiggedMesh) -> bool:
     """Whether at most one joint that turns hangs on the root, or on what slides on it: a lift may carry two arms."""
-    base, turning = {0}, 0
+    base = {0}
     for joint, above in enumerate(mesh.parent):
-        if above not in base:
-            continue
-        if joint in mesh.axes and mesh.axes[joint].slides:
+        if above in base and joint in mesh.axes and mesh.axes[joint].slides:
             base.add(joint)
-        else:
-            turning += 1
-    return turning <= 1
+    return sum(above in base and joint not in base for joint, above in enumerate(mesh.parent)) <= 1
 
 
 def hinge_frame(axis: np.ndarray, along: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.rigging.decimation import decimate
 from mmocap_warp.rigging.importing import closing, joint_tree
-from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, held_as_seen, with_proposals, without_fine_joints
+from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, held_as_seen, propose, without_fine_joints
 from mmocap_warp.rigging.importing.joints_file import GivenJoints, with_given
 from mmocap_warp.rigging.importing.proof import SAME_OUTLINE, Outline, strays, worst_outline
 
@@ -76,7 +76,6 @@ def imported(
     mesh = in_body_axes(joint_tree.with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
     hung = _parents(mesh)
     mesh = joint_tree.with_moving_parents(joint_tree.with_parents(mesh, given.parents), given.parents)
-    sliding = [name for name, joint in given.joints.items() if joint.slides]
     mesh = closing.weighted(closing.welded(joint_tree.with_one_root(mesh)))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
@@ -84,11 +83,11 @@ def imported(
     if not pairs and not mesh.rigid and facing is None:
         mesh, pairs = _facing_aside(mesh)
     # How its joints move, and the closed mesh that is tracked.
-    mesh = joint_tree.with_usual_bones(mesh, sliding)
+    mesh = joint_tree.with_usual_bones(mesh, [name for name, joint in given.joints.items() if joint.slides])
     pairs = max(pairs, joint_tree.mirrored_pairs(mesh), key=len)
     freedom, held_notes = without_fine_joints(mesh, freedom_of(mesh, pairs))
     freedom = with_given(freedom, mesh.joints, given)
-    proposed, proposals = with_proposals(mesh, pairs, freedom)
+    proposed, proposals = propose(mesh, pairs, freedom)
     mesh, freedom = held_as_seen(mesh, freedom)
     place = mesh.bind[:, :3, 3]
     skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles, skin_triangles)

@@ -135,11 +135,11 @@ def with_usual_bones(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:
         bind[joint] = bind[above] @ local
     if not other and np.array_equal(turning, mesh.bind):
         return mesh
-    said = f"bones to {name_list(mesh, other)} are as its motions have them, not as its bind pose"
+    said = [f"bones to {name_list(mesh, other)} are as its motions have them, not as its bind pose"] * bool(other)
     moved = iter(np.split(world, np.cumsum([len(motion.world) for motion in mesh.motions.values()])))
     motions = {name: replace(motion, world=next(moved)) for name, motion in mesh.motions.items()}
     vertex = skinned(replace(mesh, bind=turning), bind)
-    return replace(mesh, bind=bind, vertex=vertex, motions=motions, notes=(*mesh.notes, *([said] if other else [])))
+    return replace(mesh, bind=bind, vertex=vertex, motions=motions, notes=(*mesh.notes, *said))
 
 
 def _pivot(seen: np.ndarray) -> tuple[np.ndarray, float]:

@@ -155,7 +155,8 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
         for joint, matrix in known.items():
             bind.setdefault(joint, scene @ matrix)
         parts += [part._replace(vertex=part.vertex @ scene[:3, :3].T + scene[:3, 3]) for part in read]
-    bind = _bound_by_neighbours(bind, rest, joints, [(joint, parent[joint]) for joint in order if parent[joint] >= 0])
+    bones = [(joints[joint], joints[parent[joint]]) for joint in order if parent[joint] >= 0]
+    bind = {joint: rest[joint] for joint in joints} | _bound_by_neighbours(bind, rest, bones)
     # Meshes without a skin that hang on a joint follow it.
     motions, notes = _node_motions(document, nodes, above, joints)
     for number, node in enumerate(nodes):
@@ -268,26 +269,22 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
 
 
 def _bound_by_neighbours(
-    bind: dict[int, np.ndarray], rest: np.ndarray, joints: list[int], bones: list[tuple[int, int]]
+    bind: dict[int, np.ndarray], rest: np.ndarray, bones: list[tuple[int, int]]
 ) -> dict[int, np.ndarray]:
-    """The bind transform (4, 4) of every joint, by its node: one without is to a neighbour as the nodes have them.
+    """Bind transforms (4, 4) by node, and those of joints without one: each is to a neighbour as the nodes have them.
 
-    Bones are joints and what they hang on, from the roots outwards.
+    A bone is a joint and the one that it hangs on; bones come from the roots outwards.
     """
     from scipy.spatial.transform import Rotation
 
-    near = {joint: joint for joint in bind}  # whose bind transform counts
-    for joint, above in (*bones[::-1], *bones):
-        one, other = joints[joint], joints[above]
-        near |= {a: near[b] for a, b in ((one, other), (other, one)) if a not in near and b in near}
-    bound = {}
-    for joint, of in ((joint, near.get(joint, joint)) for joint in joints):
-        turn = np.eye(4)
-        if of in bind:
-            turn[:3, :3] = Rotation.from_matrix((bind[of] @ np.linalg.inv(rest[of]))[:3, :3]).as_matrix()
-            turn[:3, 3] = bind[of][:3, 3] - turn[:3, :3] @ rest[of, :3, 3]
-        bound[joint] = bind[joint] if joint in bind else turn @ rest[joint]
-    return bound
+    bind = dict(bind)
+    for new, known in (*((above, joint) for joint, above in reversed(bones)), *bones):
+        if known in bind and new not in bind:
+            turn = np.eye(4)
+            turn[:3, :3] = Rotation.from_matrix((bind[known] @ np.linalg.inv(rest[known]))[:3, :3]).as_matrix()
+            turn[:3, 3] = bind[known][:3, 3] - turn[:3, :3] @ rest[known, :3, 3]
+            bind[new] = turn @ rest[new]
+    return bind
 
 
 def _file_inside(folder: Path, name: str, source: object) -> Path:

@@ -278,12 +278,13 @@ def _bound_by_neighbours(
     from scipy.spatial.transform import Rotation
 
     bind = dict(bind)
-    for new, known in (*((above, joint) for joint, above in reversed(bones)), *bones):
-        if known in bind and new not in bind:
-            turn = np.eye(4)
-            turn[:3, :3] = Rotation.from_matrix((bind[known] @ np.linalg.inv(rest[known]))[:3, :3]).as_matrix()
-            turn[:3, 3] = bind[known][:3, 3] - turn[:3, :3] @ rest[known, :3, 3]
-            bind[new] = turn @ rest[new]
+    for _ in bones:  # a bone farther each time: the nearest neighbour counts
+        for new, known in (*bones, *(bone[::-1] for bone in bones)):
+            if known in bind and new not in bind:
+                turn = np.eye(4)
+                turn[:3, :3] = Rotation.from_matrix((bind[known] @ np.linalg.inv(rest[known]))[:3, :3]).as_matrix()
+                turn[:3, 3] = bind[known][:3, 3] - turn[:3, :3] @ rest[known, :3, 3]
+                bind[new] = turn @ rest[new]
     return bind
 
 

@@ -10,12 +10,11 @@ import numpy as np
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
-from mmocap_warp.commands.caller import Reporter, start_warp
+from mmocap_warp.commands.caller import Reporter, effective, start_warp
 from mmocap_warp.commands.inputs import Frames, one_person, result_from, scene_from, span
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import holds_result
 from mmocap_warp.masks.consistency import Consistency
@@ -58,6 +57,8 @@ def mask(
     identity: int | None = None,
     with_: str | None = None,
     consistent: bool | None = None,
+    device: str | None = None,
+    threads: int | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> WrittenMasks:
@@ -74,6 +75,8 @@ def mask(
             folder of frames and one for masks (see the page on masks). [default: as the scene says]
         consistent: fill what all other views contradict and cut what no other view supports; it takes four views.
             [default: if a program makes the masks]
+        device: on which poses tell people apart: auto, cpu, cuda or cuda:1. [default: that of the scene's [track]]
+        threads: of a CPU for that. [default: those of the scene's [track]]
         force: write into a folder that holds files.
         reporter: receives notes and progress.
 
@@ -88,7 +91,7 @@ def mask(
     by_program = loaded.foreground.source == "program"
     refine, loaded = (None, loaded) if from_body is None else _around_body(loaded, from_body, scale)
     program = find_program("mediapipe" if with_ is None else with_, reporter.note) if by_program else None
-    apart = _told_apart(loaded, scale) if loaded.of_several else None
+    apart = _told_apart(loaded, scale, device, threads) if loaded.of_several else None
     unfinished = Path(output) / UNFINISHED
     folder = new_folder(output, force=force or (by_program and unfinished.is_dir()))
     images = None
@@ -136,8 +139,11 @@ def _loaded(
     return scene_from(scene, frames, identity, reporter, source="program")
 
 
-def with_masks(scene: Scene, reporter: Reporter) -> Scene:
-    """The scene itself, or one beside it whose masks are made: by a program once, or to tell people apart."""
+def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:
+    """The scene itself, or one beside it whose masks are made: by a program once, or to tell people apart.
+
+    That is done on the device of ``config``, and else by the scene's own settings.
+    """
     if scene.foreground.source == "program":
         folder = _beside(scene, "masks")
         if not (folder / "scene.toml").exists():
@@ -147,7 +153,8 @@ def with_masks(scene: Scene, reporter: Reporter) -> Scene:
     elif scene.of_several:
         folder = _beside(scene, "apart")
         if _is_older(folder / "scene.toml", scene):
-            made = mask(scene.path, folder, force=True, reporter=reporter)
+            place = {"device": config.device, "threads": config.threads}
+            made = mask(scene.path, folder, **place, force=True, reporter=reporter)
             reporter.note(f"people: told apart by their poses; look at {made.overlay}")
     else:
         return scene
@@ -166,9 +173,13 @@ def _is_older(file: Path, scene: Scene) -> bool:
     return not file.exists() or max(each.stat().st_mtime for each in given if each) > file.stat().st_mtime
 
 
-def _told_apart(scene: Scene, scale: float) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:
+def _told_apart(
+    scene: Scene, scale: float, device: str | None, threads: int | None
+) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:
     """Each frame's masks of everybody, by their poses."""
-    config = replace(config_from_table(TrackConfig, scene.settings("track")), scale=scale)
+    given = {"scale": scale, "device": device, "threads": threads}
+    given = {name: value for name, value in given.items() if value is not None}
+    config = effective(TrackConfig, scene.settings("track"), given)
     start_warp(config.device)
     files = {name: person.subject for name, person in scene.people.items()}
     if lacks := [name for name, file in files.items() if file is None]:

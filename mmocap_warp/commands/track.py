@@ -224,7 +224,7 @@ def track(
     loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
     if again is not None:
         return _again(loaded, again, pins, config, file, reporter, settings)
-    loaded = with_masks(loaded, reporter)
+    loaded = with_masks(loaded, reporter, effective(TrackConfig, loaded.settings("track"), settings, config))
     chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
     truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}

@@ -76,7 +76,7 @@ def load_scene(
     # The file's tables; an unknown one is reported before anything else.
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
     labels, people = file.take_table("labels"), file.take_table("people").take_tables()
-    labelled = bool(people) or labels.has("person")
+    labelled, told_apart = bool(people) or labels.has("person"), labels.take("told_apart", bool, False)
     foreground = _read_foreground(file.take_table("foreground"), identity, source, labelled)
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     attached = take_attachments(file, path.parent)
@@ -142,6 +142,7 @@ def load_scene(
         named_frames=named,
         attached=attached,
         people=named_people,
+        told_apart=told_apart,
     )
     truth.finish()
     return scene if tracked is None else scene.of_person(tracked)

@@ -56,12 +56,15 @@ def doubted_together(results: Mapping[str, Result]) -> tuple[dict[str, Result], 
     """
     tracked, partial = STATUS.index("tracked"), STATUS.index("partial")
     doubted = np.logical_or.reduce([each.status != tracked for each in results.values()])
-    sigmas = [each.joint_sigma for each in results.values() if each.joint_sigma is not None]
-    worst = np.max([np.square(each).mean(axis=3).max(axis=2) ** 0.5 for each in sigmas], axis=0, initial=0.0)
-    worst = np.where(doubted, worst, 0.0)[..., None, None]  # of all joints, as large as the largest of anybody
+    sigmas = {name: each.joint_sigma for name, each in results.items() if each.joint_sigma is not None}
+    sizes = {name: np.linalg.norm(sigma, axis=3, keepdims=True) for name, sigma in sigmas.items()}
+    worst = np.max([size.max(axis=2, keepdims=True) for size in sizes.values()], axis=0, initial=0.0)
     doubtful = {}
     for name, result in results.items():
         status = np.where(doubted & (result.status == tracked), partial, result.status).astype(result.status.dtype)
-        sigma = None if result.joint_sigma is None else np.maximum(result.joint_sigma, worst)
+        sigma = sigmas.get(name)
+        if sigma is not None:  # of all joints as large as the largest of anybody's; what is as large keeps its bits
+            smaller = doubted[..., None, None] & (worst > 1.000001 * sizes[name])
+            sigma = np.where(smaller, sigma * worst / sizes[name], sigma)
         doubtful[name] = replace(result, status=status, joint_sigma=sigma)
     return doubtful, int(doubted.any(axis=0).sum())

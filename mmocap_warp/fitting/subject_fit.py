@@ -103,6 +103,8 @@ def fit(
         )  # fmt: skip
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
+        if scene.of_several:
+            remedy = "fit each person in frames (--frames) in which labels tell them apart, or from masks of one alone"
         raise InputError(scene.path, f"frame {scene.first_frame}: {error}", remedy) from None
     if scene.first_frame:
         subject = replace(subject, provenance=subject.provenance | {"fit.first_frame": scene.first_frame})

@@ -220,7 +220,8 @@ def _check_sources(
         images = ((image, labels) for masks, labels in of_views for image in masks.sample(_SAMPLES))
         if not any(decode_mask(image, label).any() for image, labels in images for label in labels):
             where = f"{table.source}: [people.{name}]"
-            raise InputError(where, f"no mask shows label {person.labels[0]}", "give that of the person in the masks")
+            remedy = "give the person's in the masks; if people are one blob, name the blob's under [labels] as several"
+            raise InputError(where, f"no mask shows label {person.labels[0]}", remedy)
 
 
 def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, where: str) -> None:

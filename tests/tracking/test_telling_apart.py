@@ -71,6 +71,12 @@ def test_everybodys_subject_is_asked_for(tmp_path):
     assert not (tmp_path / "masks").exists()
 
 
+def test_a_fit_where_labels_tell_nobody_apart_says_where_to_fit(tmp_path):
+    scene = made(tmp_path, [(-0.8, 0.8)])
+    with pytest.raises(InputError, match=r"fit each person in frames .* in which labels tell them apart"):
+        mm.fit(scene, person="anna", device="cpu")
+
+
 def test_people_are_told_apart_once_and_again_after_anything_has_changed(tmp_path, monkeypatch):
     """Whatever a stopped run has left is no reason to refuse, and one person can be asked for."""
     scene, subject, notes = made(tmp_path, [(-0.8, 0.8)] * 2), tmp_path / "ben.usdc", []

@@ -401,18 +401,24 @@ def _check_model(body: BodyModel, scene: Scene, config: TrackConfig, given: dict
 
 
 def _tracked(scene: Scene, subject: Subject, config: TrackConfig, reporter: Reporter, **resumption: Any) -> Result:
-    """Track, and report progress: first of the frames, then of the frames whose smoothed poses are final."""
+    """Track, and report progress: of the frames, perhaps of a second start, then of frames whose poses are final."""
     total, evaluations = scene.frame_count, 0
     with ExitStack() as stages:
         progress: Progress = stages.enter_context(reporter.stage("track"))
 
+        def begin(stage: str) -> None:
+            nonlocal progress
+            stages.close()
+            progress = stages.enter_context(reporter.stage(stage))
+
         def report(frame: int, answer: FrameAnswer) -> None:
-            nonlocal evaluations, progress
+            nonlocal evaluations
+            if frame == 0 and evaluations:
+                begin("track again")
             evaluations += answer.evaluations * config.runs
             progress(frame + 1, total, evaluations)
             if config.acceleration and frame + 1 == total:
-                stages.close()
-                progress = stages.enter_context(reporter.stage("smooth"))
+                begin("smooth")
 
         def report_smoothed(done: int) -> None:
             progress(done, total)

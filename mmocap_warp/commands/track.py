@@ -229,6 +229,7 @@ def track(
     truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}
 
+    start_warp(chosen.device)
     # An interrupted run, or one that is complete.
     checkpoint = None if file is None else file.with_name(f"{file.name}.checkpoint")
     if checkpoint is not None and file is not None:
@@ -238,7 +239,6 @@ def track(
         if checkpoint.exists() and not (resume or force):
             remedy = "continue it with --resume, or --force a new one"
             raise InputError(checkpoint, "an interrupted run lies here", remedy)
-    start_warp(chosen.device)
     loaded.rig(chosen.scale)  # a scale that cannot be is an error before a fit of minutes
 
     # The subject: named, kept by the run that is resumed, or fitted.

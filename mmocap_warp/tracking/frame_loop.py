@@ -26,7 +26,7 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.masks.observation import KeptObservations, Observation
-from mmocap_warp.masks.repeats import repeated_views
+from mmocap_warp.masks.repeats import frozen_views, repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.frame_choice import read_ahead
@@ -292,8 +292,7 @@ def _finished(
     neither: it holds where there are none.
     """
     repeated = repeated_views(read_ahead(masks()))
-    at_once = np.logical_and.reduce(repeated, axis=1)
-    frozen = repeated & ~at_once[:, None]
+    at_once, frozen = repeated.all(axis=1), frozen_views(repeated)
     whole = beside if not repeated.any() else None
     if beside and not whole:
         beside.close()  # else two threads smooth at once

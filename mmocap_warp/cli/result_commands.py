@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.command import BY_PLACE, Answer, Given, command, several
+from mmocap_warp.cli.command import BY_PLACE, Answer, Given, answer_of_each, command, several
 from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
@@ -25,7 +25,6 @@ from mmocap_warp.cli.console import (
     next_step,
     table,
 )
-from mmocap_warp.cli.several_people import answer_of_each, everybody
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
@@ -53,7 +52,7 @@ def track(
     from mmocap_warp.commands.caller import effective
     from mmocap_warp.commands.mask import with_masks
     from mmocap_warp.commands.show import show_all
-    from mmocap_warp.commands.track_people import file_of, track_each
+    from mmocap_warp.commands.track_people import everybody, file_of, track_each
 
     # Without an output all is made beside the scene, and what exists is not made again.
     whole, output = output is None, output or loaded.directory / "result.usdc"
@@ -142,7 +141,7 @@ def live(call: Any) -> Answer:
     settings=FitFlags | None,
 )
 def fit(call: Any, console: Console, scene: Path, output: Path, identity: int | None, person: str | None) -> Answer:
-    from mmocap_warp.commands.track_people import file_of
+    from mmocap_warp.commands.track_people import everybody, file_of
     from mmocap_warp.scene.scene_toml import load_scene
 
     if not (people := everybody(load_scene(scene, identity=identity), person)):

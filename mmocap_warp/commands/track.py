@@ -40,15 +40,16 @@ from mmocap_warp.tracking import frame_loop, mending
 from mmocap_warp.tracking.pins import Pins, read_pins
 from mmocap_warp.tracking.track_config import REFINE, TrackConfig
 
-_UNDECIDED = {
-    "turned": "fit: the masks do not tell which way the subject faces; it may be back to front",
-    "swapped": "fit: the masks do not tell left limbs from right ones; they may be swapped",
+_UNDECIDED = {  # what the masks do not tell of a body that lies, and of one that stands
+    "turned": (
+        "which way the subject lies; it may lie the other way round",
+        "which way the subject faces; it may be back to front",
+    ),
+    "swapped": (
+        "similar limbs from one another; they may be swapped",
+        "left limbs from right ones; they may be swapped",
+    ),
 }
-_UNDECIDED_LYING = {
-    "turned": "fit: the masks do not tell which way the subject lies; it may lie the other way round",
-    "swapped": "fit: the masks do not tell similar limbs from one another; they may be swapped",
-}
-"""The same of a body that does not stand."""
 
 
 @releases_locks
@@ -147,7 +148,7 @@ def fit_subject(
         )
     if subject.provenance["fit.decided"] == "no":
         name = str(subject.provenance["fit.alternative"])
-        reporter.note((_UNDECIDED if body.skeleton.stands else _UNDECIDED_LYING)[name])
+        reporter.note(f"fit: the masks do not tell {_UNDECIDED[name][body.skeleton.stands]}")
     facts = scene_reference(scene, output, "fit.") | {f"fit.{name}": problem for name, problem in trusted.items()}
     subject = replace(subject, provenance={**subject.provenance, **facts})
     if output is not None:

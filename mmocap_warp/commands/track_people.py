@@ -24,9 +24,8 @@ T = TypeVar("T")
 @releases_locks
 def track_people(
     scene: Scene | str | Path,
-    config: TrackConfig | None = None,
-    *,
     output: str | Path | None = None,
+    *,
     frames: Frames = None,
     resume: bool = False,
     force: bool = False,
@@ -37,13 +36,12 @@ def track_people(
 
     Args:
         scene: the recording, or its file or folder.
-        config: settings. [default: those of the scene's [track] table]
         output: the file of all. It refers to each person's own beside it: ``result.anna.usdc`` for ``result.usdc``.
         frames: which of the recording's frames. [default: those that the scene names]
         resume: continue an interrupted run.
         force: replace results that exist.
         reporter: receives notes, progress, and a warning of each who cannot be tracked.
-        arguments: others of :func:`track`, and settings.
+        arguments: others of :func:`track`: ``config``, single settings, ``trust_cameras`` and so on.
 
     Returns:
         Each person's result by name, of those who can be tracked.
@@ -55,13 +53,10 @@ def track_people(
     if not loaded.people:
         raise UsageError("the scene names no people: track its one person with track")
     settings = {name: value for name, value in arguments.items() if name in vars(TrackConfig())}
-    loaded = with_masks(loaded, reporter, effective(TrackConfig, loaded.settings("track"), settings, config))
+    chosen = effective(TrackConfig, loaded.settings("track"), settings, arguments.get("config"))
+    made, file = with_masks(loaded, reporter, chosen), None if output is None else Path(output)
     given = arguments | {"resume": resume, "force": force, "reporter": reporter}
-
-    def track_one(person: Scene, file: Path | None) -> Result:
-        return track(person, config=config, output=file, **given)
-
-    tracked, problems = track_each(loaded, None if output is None else Path(output), track_one, reporter, resume, force)
+    tracked, problems = track_each(made, file, lambda one, to: track(one, output=to, **given), reporter, resume, force)
     if not tracked:
         raise next(iter(problems.values()))
     return tracked
@@ -87,12 +82,17 @@ def track_each(
         if count:
             reporter.note(f"people: in {count} frames one is in doubt, and so are all")
     written = {name: (file, tracked[name]) for name, file in files.items() if file and name in tracked}
-    if scene.told_apart:
-        for file, result in written.values():
-            write_result(file, result)
+    for file, result in written.values() if scene.told_apart else ():
+        write_result(file, result)
     if output and written and (force or [*before] != [*written]):
         write_people(output, written)
     return tracked, problems
+
+
+def everybody(scene: Scene, person: str | None) -> list[str]:
+    """The people who are meant one after the other; none where one is, or the scene names nobody."""
+    all_of_them = person == "all" and person not in scene.people
+    return [*scene.people] if all_of_them or not (person or scene.person) else []
 
 
 def file_of(output: Path, name: str) -> Path:

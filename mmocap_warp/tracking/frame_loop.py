@@ -24,7 +24,6 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.masks.repeats import frozen_views, repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
@@ -109,14 +108,13 @@ def collect(
 def track(
     scene: Scene,
     subject: Subject,
-    config: TrackConfig | None = None,
+    config: TrackConfig,
     *,
     checkpoint: Path | None = None,
     resume: bool = False,
     accept_changed_code: bool = False,
     progress: FrameReport | None = None,
     smooth_progress: SmoothReport | None = None,
-    **settings: Any,
 ) -> Result:
     """Track a scene from its first frame to its last; the result has the recording's frame numbers.
 
@@ -126,7 +124,7 @@ def track(
     Args:
         scene: the recording, or part of it; its masks are streamed.
         subject: where to start; what the scene says is attached and the subject lacks, it gets.
-        config: settings; None for those of the scene's [track] table.
+        config: settings.
         checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
         resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
         accept_changed_code: continue also where another version of the program began; its frames stay as they are.
@@ -134,16 +132,13 @@ def track(
             where tracking starts again without the views of frozen cameras.
         smooth_progress: called with the number of frames whose poses are final, while the track is smoothed. A run
             that is resumed reads all masks again for that, and smooths its whole track anew.
-        settings: fields of :class:`TrackConfig` to replace those of ``config``, such as ``evaluations=200``.
 
     Raises:
-        ValueError, TypeError: a setting that cannot be, or is none.
         InputError: unreadable images, a checkpoint that is damaged, another run's or of another version, more than fits
             into the device's memory, or a subject that was fitted to another frame than the first.
     """
     check_start(scene, subject)
     subject, _ = subject_carrying(subject, scene.attached)
-    config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     rig, unit = scene.rig(config.scale), subject.body.unit
 
     # Refuse another run's checkpoint before anything is built.

@@ -1,6 +1,5 @@
 """The frames of a recording that calibrate it, with times that may yet change, and the person who is seen in them."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,17 +55,9 @@ class Footage:
         )
         scene = replace(self._scene, cameras=shifted)
         count = min(scene.frame_count, max(1, round(_MAX_SECONDS * scene.rate)))
-        seen = []
-
-        def every() -> Iterator[Observation]:
-            for number, views in enumerate(scene.masks(self.scale, count=count)):
-                observation = Observation.from_masks(views)
-                if number % self._step == 0:
-                    seen.append(observation)
-                yield observation
-
-        frozen = frozen_views(repeated_views(every()))[:: self._step]
-        return [each.without(views) if views.any() else each for each, views in zip(seen, frozen, strict=True)]
+        every = [Observation.from_masks(views) for views in scene.masks(self.scale, count=count)]
+        seen = list(zip(every, frozen_views(repeated_views(every)), strict=True))[:: self._step]
+        return [each.without(frozen) if frozen.any() else each for each, frozen in seen]
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,16 +40,15 @@ from mmocap_warp.tracking import frame_loop, mending
 from mmocap_warp.tracking.pins import Pins, read_pins
 from mmocap_warp.tracking.track_config import REFINE, TrackConfig
 
-_UNDECIDED = {  # what the masks do not tell of a body that lies, and of one that stands
-    "turned": (
-        "which way the subject lies; it may lie the other way round",
-        "which way the subject faces; it may be back to front",
-    ),
-    "swapped": (
-        "similar limbs from one another; they may be swapped",
-        "left limbs from right ones; they may be swapped",
-    ),
+_UNDECIDED = {
+    "turned": "fit: the masks do not tell which way the subject faces; it may be back to front",
+    "swapped": "fit: the masks do not tell left limbs from right ones; they may be swapped",
 }
+_UNDECIDED_LYING = {
+    "turned": "fit: the masks do not tell which way the subject lies; it may lie the other way round",
+    "swapped": "fit: the masks do not tell similar limbs from one another; they may be swapped",
+}
+"""The same of a body that does not stand."""
 
 
 @releases_locks
@@ -82,8 +81,7 @@ def fit(
         frames: which of the recording's frames: first:end or first:end:stride. A number is the setting of that name.
             [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
-        person: the name of who is meant, of the people in the scene; the command also takes all. [default: the
-            scene's, or all]
+        person: who is meant of the scene's people, by name; the command also takes all. [default: the scene's, or all]
         trust_cameras: go on even if masks and calibration fit no body; the subject says so.
         force: replace a file that exists.
         reporter: receives notes and progress.
@@ -148,7 +146,7 @@ def fit_subject(
         )
     if subject.provenance["fit.decided"] == "no":
         name = str(subject.provenance["fit.alternative"])
-        reporter.note(f"fit: the masks do not tell {_UNDECIDED[name][body.skeleton.stands]}")
+        reporter.note((_UNDECIDED if body.skeleton.stands else _UNDECIDED_LYING)[name])
     facts = scene_reference(scene, output, "fit.") | {f"fit.{name}": problem for name, problem in trusted.items()}
     subject = replace(subject, provenance={**subject.provenance, **facts})
     if output is not None:
@@ -191,8 +189,7 @@ def track(
         rigid: that body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
         frames: which of the recording's frames. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
-        person: the name of who is meant, of the people in the scene; the command also takes all. [default: the
-            scene's, or all]
+        person: who is meant of the scene's people, by name; the command also takes all. [default: the scene's, or all]
         again: a result of this scene, in which only the frames around pins, or those of --frames, are solved anew; all
             others keep their bits. Subject and settings are the result's own; device and threads may be other ones.
         pins: for --again, a file of joints that were clicked in two views or more, which 'mmocap view' helps to write.
@@ -331,8 +328,7 @@ def _refined(
 ) -> tuple[Scene, dict[str, str]]:
     """The scene with cameras and times that are refined where that is significantly better, and what a result says.
 
-    The calibration is kept beside the result. A run that is resumed reads it; one that had ``begun`` without keeps the
-    scene's.
+    The calibration is kept beside the result. A run that is resumed reads it; one that had ``begun`` without has none.
     """
     from mmocap_warp.commands.calibrate import refine_scene
 

@@ -60,8 +60,7 @@ def load_scene(
         identity: of the person to be tracked, instead of the scene's own [foreground] identity.
         masks: whether masks, or what they are made of, must be there; a look at the cameras does without.
         calibrated: whether a calibration must be named, which must say where cameras stand, and cameras must agree on
-            where they end. Without one, they are pinholes of the recorded images' sizes that stand nowhere in
-            particular.
+            where they end. Without one, they are pinholes of the recorded images' sizes that stand nowhere.
         source: instead of the scene's own [foreground] source: ``"program"``, or ``"subtraction"`` for the best of the
             backgrounds that the scene has.
         live: what is tracked comes from elsewhere: no video and no masks must be there, only what is subtracted.

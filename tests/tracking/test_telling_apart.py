@@ -85,7 +85,7 @@ def test_people_are_told_apart_once_and_again_after_anything_has_changed(tmp_pat
     sizes = [tuple(size[::-1]) for size in scene.rig().size]
     split = [[(np.arange(wide) < wide / 2) == (np.full((high, 1), n) == 0) for high, wide in sizes] for n in range(2)]
     nothing = [np.zeros(size, bool) for size in sizes]
-    monkeypatch.setattr(mask_command, "_told_apart", lambda *_: iter([(split, nothing)] * 2))
+    monkeypatch.setattr(mask_command, "_told_apart", lambda *_, **__: iter([(split, nothing)] * 2))
     (tmp_path / "apart").mkdir()
     (tmp_path / "apart" / "left").touch()
     reporter = SimpleNamespace(note=notes.append, warn=pytest.fail, stage=Reporter().stage)

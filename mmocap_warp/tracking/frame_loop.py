@@ -212,8 +212,9 @@ def _extend(
     beside: _SmoothingBeside | None = None,
 ) -> None:
     """Track the frames after those whose ``answers`` are known."""
-    for number, answer in enumerate(answers if progress else ()):
-        progress(number, answer)
+    if progress:
+        for number, answer in enumerate(answers):
+            progress(number, answer)
     with saved or nullcontext():
         for answer in track_frames(tracker, observations, first=len(answers), saved=saved, progress=progress):
             if beside:

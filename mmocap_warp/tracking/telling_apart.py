@@ -57,14 +57,14 @@ def doubted_together(results: Mapping[str, Result]) -> tuple[dict[str, Result], 
     tracked, partial = STATUS.index("tracked"), STATUS.index("partial")
     doubted = np.logical_or.reduce([each.status != tracked for each in results.values()])
     sigmas = {name: each.joint_sigma for name, each in results.items() if each.joint_sigma is not None}
-    sizes = {name: np.linalg.norm(sigma, axis=3, keepdims=True) for name, sigma in sigmas.items()}
+    sizes = {name: np.square(sigma).sum(axis=3, keepdims=True) for name, sigma in sigmas.items()}
     worst = np.max([size.max(axis=2, keepdims=True) for size in sizes.values()], axis=0, initial=0.0)
     doubtful = {}
     for name, result in results.items():
         status = np.where(doubted & (result.status == tracked), partial, result.status).astype(result.status.dtype)
         sigma = sigmas.get(name)
-        if sigma is not None:  # of all joints as large as the largest of anybody's; what is as large keeps its bits
-            smaller = doubted[..., None, None] & (worst > 1.000001 * sizes[name])
-            sigma = np.where(smaller, sigma * worst / sizes[name], sigma)
+        if sigma is not None:  # all joints are as unsure as the worst of anybody's; who is already keeps the bits
+            missing = np.where(doubted[..., None, None], worst - sizes[name], 0.0)
+            sigma = np.where(missing > 1e-6 * worst, np.sqrt(np.square(sigma) + missing / 3), sigma)
         doubtful[name] = replace(result, status=status, joint_sigma=sigma)
     return doubtful, int(doubted.any(axis=0).sum())

@@ -9,8 +9,10 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import body_silhouettes
+from mmocap_warp.tracking.from_settings import in_own_unit
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -27,8 +29,9 @@ def told_apart(scene: Scene, subjects: Sequence[Subject], config: TrackConfig) -
     is that of whoever was clearly the nearest to it in the frame before, or stays in doubt.
     """
     rig, config = scene.rig(config.scale), replace(config, runs=1)
-    trackers = [make_tracker(subject, rig, config, scene.rate) for subject in subjects]
-    silhouettes_of = [body_silhouettes(subject, rig) for subject in subjects]
+    own = [in_own_unit(subject_carrying(subject, scene.attached)[0], rig, config) for subject in subjects]
+    trackers = [make_tracker(*each, scene.rate) for each in own]
+    silhouettes_of = [body_silhouettes(subject, cameras) for subject, cameras, _ in own]
     own = zip(*(scene.of_person(name).masks(config.scale) for name in scene.people), strict=True)
     unsure_of = replace(scene, cameras=tuple(replace(each, in_front=each.several) for each in scene.cameras))
     streams = own, unsure_of.hidden(config.scale), scene.hidden(config.scale)

@@ -18,6 +18,7 @@ from mmocap_warp.commands import track_people as people_command
 from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.mask import mask
 from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.formats.attachments import Attachment
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.formats.usd.usd_people import results_in
 from mmocap_warp.formats.usd.usd_result import read_result, write_result
@@ -69,6 +70,20 @@ def test_everybodys_subject_is_asked_for(tmp_path):
     with pytest.raises(InputError, match="anna has none"):
         mask(made(tmp_path / "scene", [(-0.8, 0.8)]).path, tmp_path / "masks")
     assert not (tmp_path / "masks").exists()
+
+
+def test_people_are_told_apart_in_their_own_measure_with_what_they_carry(tmp_path, monkeypatch):
+    scene, large = made(tmp_path, [(-0.8, 0.8)]), synthetic_result(1).subject.in_unit(0.05)
+    (tmp_path / "bat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    scene, asked = replace(scene, attached=(Attachment("Bat", tmp_path / "bat.obj", "RWrist"),)), []
+    monkeypatch.setattr(telling_apart, "make_tracker", lambda *of: asked.append(of))
+    monkeypatch.setattr(telling_apart, "body_silhouettes", None)  # here it ends
+    with pytest.raises(TypeError, match="not callable"):
+        next(told_apart(scene, [large, large], TrackConfig(device="cpu")))
+    for subject, rig, _, _ in asked:
+        assert "Bat" in subject.body.skeleton.joints
+        assert subject.body.unit == pytest.approx(1)
+        np.testing.assert_allclose(rig.t, scene.rig().t / large.body.unit)
 
 
 def test_a_fit_where_labels_tell_nobody_apart_says_where_to_fit(tmp_path):
@@ -235,6 +250,8 @@ def test_blobs_are_split_by_where_everybody_was_in_the_frame_before(tmp_path, mo
             self.state = SimpleNamespace(pose=places[len(told[self.person]) - 1][self.person])
 
     monkeypatch.setattr(telling_apart, "make_tracker", Tracker)
+    monkeypatch.setattr(telling_apart, "subject_carrying", lambda subject, things: (subject, ()))
+    monkeypatch.setattr(telling_apart, "in_own_unit", lambda *of: of)
     monkeypatch.setattr(telling_apart, "body_silhouettes", lambda _, rig: lambda place: seen(rig, FIGURE, place))
     shared = undecided = 0
     for frame, (people, unsure) in enumerate(told_apart(scene, [0, 1], TrackConfig(device="cpu"))):

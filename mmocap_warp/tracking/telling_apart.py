@@ -29,9 +29,9 @@ def told_apart(scene: Scene, subjects: Sequence[Subject], config: TrackConfig) -
     is that of whoever was clearly the nearest to it in the frame before, or stays in doubt.
     """
     rig, config = scene.rig(config.scale), replace(config, runs=1)
-    own = [in_own_unit(subject_carrying(subject, scene.attached)[0], rig, config) for subject in subjects]
-    trackers = [make_tracker(*each, scene.rate) for each in own]
-    silhouettes_of = [body_silhouettes(subject, cameras) for subject, cameras, _ in own]
+    scaled = [in_own_unit(subject_carrying(subject, scene.attached)[0], rig, config) for subject in subjects]
+    trackers = [make_tracker(*each, scene.rate) for each in scaled]
+    silhouettes_of = [body_silhouettes(subject, cameras) for subject, cameras, _ in scaled]
     own = zip(*(scene.of_person(name).masks(config.scale) for name in scene.people), strict=True)
     unsure_of = replace(scene, cameras=tuple(replace(each, in_front=each.several) for each in scene.cameras))
     streams = own, unsure_of.hidden(config.scale), scene.hidden(config.scale)

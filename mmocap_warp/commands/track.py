@@ -183,8 +183,7 @@ def track(
             fitted first. [default: the scene's, or else one is fitted first and kept beside the result]
         config: settings. [default: those of the scene's [track] table]
         output: the result's file: .usdc, .usda or .usd. A checkpoint lies beside it until the run is complete. Unless
-            it is named, the command makes result.usdc, its overlay and its page beside the scene, those that are not
-            there.
+            it is named, the command makes what is missing beside the scene: result.usdc, its overlay and its page.
         body: where that fit starts: a shipped body's name or a USD file. [default: the scene's, or adult_man]
         rigid: that body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
         frames: which of the recording's frames. [default: those that the scene names]

@@ -306,7 +306,9 @@ def tracked(scene: Path, program: Sequence[str], frames: int) -> Outcome:
         command += ["--frames", str(frames), "--threads", "1"]
         # Where it runs there is no other package of that name, which ``python -m`` would prefer.
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    noted = [line for line in done.stderr.splitlines() if not line.startswith(("fit:", "track:", "smooth:"))]
+    noted = [
+        line for line in done.stderr.splitlines() if not line.startswith(("fit:", "track:", "track again:", "smooth:"))
+    ]
     report: dict[str, Any] = json.loads(done.stdout) if done.stdout.startswith("{") else {}
     noted += report.get("verdict", {}).get("lines", [])
     statuses = {name: report.get(name, 0) for name in ("lost", "partial", "rescued", "interpolated", "repeated")}

@@ -29,6 +29,7 @@ from mmocap_warp.commands.new_scenes import import_dataset, init, synthesize
 from mmocap_warp.commands.show import export, show, view
 from mmocap_warp.commands.studies import benchmark, report_study, run_study
 from mmocap_warp.commands.track import fit, track
+from mmocap_warp.commands.track_people import track_people
 from mmocap_warp.display.result_video import overlay
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting.fit_config import FitConfig
@@ -54,5 +55,5 @@ __all__ = [
     "import_dataset", "init", "learn_body", "live", "load_body", "load_result", "load_scene",
     "load_truth", "make_sequences", "mask", "measure", "minimize", "overlay", "print_board", "refine_cameras",
     "report_study", "run_study", "show", "show_body", "show_cameras", "solve_cameras", "study_results", "sync",
-    "synthesize", "track", "track_live", "validate_usd", "view", "write_result",
+    "synthesize", "track", "track_live", "track_people", "validate_usd", "view", "write_result",
 ]  # fmt: skip

@@ -16,10 +16,12 @@ import numpy as np
 from recordings import write_recording
 
 from mmocap_warp.device.resolve import start_quietly
+from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.tracking.frame_loop import track
+from mmocap_warp.tracking.track_config import TrackConfig
 
 SAMPLES = 8  # of each stage
 
@@ -61,6 +63,7 @@ def main() -> None:
         result = track(
             scene,
             subject,
+            config_from_table(TrackConfig, scene.settings("track")),
             checkpoint=folder / "checkpoint",
             progress=lambda frame, _: told("track", frame + 1),
             smooth_progress=lambda done: told("smooth", done),

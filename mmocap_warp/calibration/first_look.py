@@ -182,7 +182,7 @@ def _mask_fault(scene: Scene, rig: CameraRig, frames: Sequence[list[np.ndarray]]
     seen = filter(None, ([mask for mask in masks if mask.any()] for masks in frames))
     several = [np.mean([rivals(mask, scene.foreground.join * scale) is not None for mask in masks]) for masks in seen]
     if np.median(several) > _TWO_PEOPLE:
-        remedy = 'choose one with --identity, or set [foreground] keep = "nearest" to follow one'
+        remedy = 'choose one (--identity), follow one ([foreground] keep = "nearest"), or track both ([labels] several)'
         return "the masks show two people (or two parts) of about equal size in most views", remedy
     return None, ""
 

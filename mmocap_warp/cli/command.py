@@ -6,7 +6,7 @@ They are read from the function's source, so that neither a help nor a list of c
 import ast
 import inspect
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -16,7 +16,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from cyclopts import Parameter as CliParameter
 
-from mmocap_warp.cli.console import OK, Console, Identity, Output, ResultFile, SceneFile, Switch, given
+from mmocap_warp.cli.console import BAD_INPUT, OK, Console, Identity, Output, ResultFile, SceneFile, Switch, given
+from mmocap_warp.errors import InputError
 
 _TYPES: dict[str, Any] = {"str": str, "int": int, "float": float, "bool": bool, "Path": Path, "Frames": str}
 _KNOWN = (*_TYPES, "tuple", "Literal")  # the command line has no parameter of any other type
@@ -45,6 +46,21 @@ class Answer(NamedTuple):
     values: dict[str, Any]
     lines: Iterable[object]
     code: int = OK
+
+
+def answer_of_each(
+    console: Console, work: Mapping[str, Callable[[], Answer]], problems: Mapping[str, InputError] | None = None
+) -> Answer:
+    """One answer about several people, and about those who had ``problems`` before."""
+    from mmocap_warp.commands.track_people import of_each
+
+    answers, failed = of_each(console, work)
+    for name, error in (failed | dict(problems or {})).items():
+        answers[name] = Answer({"problem": str(error)}, [f"failed: {error}"], BAD_INPUT)
+    lines = [line for name, answer in answers.items() for line in (f"{name}:", *answer.lines)]
+    codes = [answer.code for answer in answers.values()]
+    values = {name: answer.values for name, answer in answers.items()}
+    return Answer({"people": values}, lines, BAD_INPUT if BAD_INPUT in codes else max(codes))
 
 
 def attributes(of: object, *names: str, **keys: str) -> dict[str, Any]:

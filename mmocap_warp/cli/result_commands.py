@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.command import BY_PLACE, Answer, Given, command, several
+from mmocap_warp.cli.command import BY_PLACE, Answer, Given, answer_of_each, command, several
 from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
@@ -22,10 +21,10 @@ from mmocap_warp.cli.console import (
     ResultFrames,
     SceneFrames,
     flags_of,
+    given,
     next_step,
     table,
 )
-from mmocap_warp.cli.several_people import answer_of_each, everybody, file_of, of_each, together
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
@@ -50,34 +49,26 @@ def track(
     force: bool,
     settings: Any,
 ) -> Answer:
+    from mmocap_warp.commands.caller import effective
     from mmocap_warp.commands.mask import with_masks
-    from mmocap_warp.commands.outputs import new_file
     from mmocap_warp.commands.show import show_all
-    from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
-    from mmocap_warp.formats.usd.usd_people import results_in, write_people
+    from mmocap_warp.commands.track_people import everybody, file_of, track_each
 
     # Without an output all is made beside the scene, and what exists is not made again.
     whole, output = output is None, output or loaded.directory / "result.usdc"
-    one_blob, loaded = loaded.of_several, with_masks(loaded, console)
-    people = everybody(loaded, person)
+    loaded = with_masks(loaded, console, effective(TrackConfig, loaded.settings("track"), given(settings)))
     track_one = partial(_track, call, console, whole=whole, force=force, settings=settings)
-    if people:
-        before = results_in(output) if (whole or resume) and output.exists() else {}
-        new_file(output, *USD_SUFFIXES, force=force or bool(before))
-        scenes = {name: loaded.of_person(name) for name in people}
-        files_of = {name: file_of(output, name) for name in people}
-        tracked, failed = of_each(console, {name: partial(track_one, scenes[name], files_of[name]) for name in people})
-        if one_blob and tracked:
-            tracked = _doubt_together(console, files_of, tracked)
+    if people := everybody(loaded, person):
+        goes_on = resume or (whole and not force)
+        tracked, problems = track_each(loaded, output, track_one, console, goes_on, force)
         # What is said of each is said of the result that was written last.
-        reports = {name: partial(_report, console, scenes[name], files_of[name], tracked[name]) for name in tracked}
-        told, untold = of_each(console, reports)
-        answers = failed | told | untold
-        answer = together({name: answers[name] for name in people})
+        reports = {
+            name: partial(_report, console, loaded.of_person(name), file_of(output, name), result)
+            for name, result in tracked.items()
+        }
+        answer = answer_of_each(console, reports, problems)
         if not tracked:
             return answer
-        if force or [*before] != [*tracked]:
-            write_people(output, {name: (files_of[name], result) for name, result in tracked.items()})
     else:
         scene = loaded.of_person(person) if person in loaded.people else loaded
         answer = _report(console, scene, output, track_one(scene, output))
@@ -85,19 +76,6 @@ def track(
     step = next_step("show", output) if people else answer.values["next"]
     values = {**answer.values, **files, "next": step}
     return Answer(values, [*files.values(), *answer.lines, f"next: {step}"], answer.code)
-
-
-def _doubt_together(console: Console, files_of: Mapping[str, Path], tracked: Mapping[str, Result]) -> dict[str, Result]:
-    """Doubt all people who were told apart where one is in doubt, in their files too."""
-    from mmocap_warp.formats.usd.usd_result import write_result
-    from mmocap_warp.tracking.telling_apart import doubted_together
-
-    results, frames = doubted_together(tracked)
-    for name, result in results.items():
-        write_result(files_of[name], result)
-    if frames:
-        console.note(f"people: in {frames} frames one is in doubt, and so are all")
-    return results
 
 
 def _track(call: Any, console: Console, scene: Scene, output: Path, whole: bool, force: bool, settings: Any) -> Result:
@@ -163,6 +141,7 @@ def live(call: Any) -> Answer:
     settings=FitFlags | None,
 )
 def fit(call: Any, console: Console, scene: Path, output: Path, identity: int | None, person: str | None) -> Answer:
+    from mmocap_warp.commands.track_people import everybody, file_of
     from mmocap_warp.scene.scene_toml import load_scene
 
     if not (people := everybody(load_scene(scene, identity=identity), person)):

@@ -121,8 +121,7 @@ def sync(
 
     Args:
         scene: the scene, or its file or folder.
-        frames: which of the cameras' frames are used: first:end, such as 120:900, or a count. [default: those that the
-            scene names]
+        frames: of the cameras, that are used: first:end, such as 120:900, or a count. [default: those the scene names]
         within: the largest lag between two cameras, in seconds. Steps repeat themselves every half second, so for
             somebody who only walks, motion determines lags of less than half of that.
         trust_cameras: go on even if masks and a calibration, where there is one, fit no body.
@@ -161,10 +160,8 @@ def check_cameras(
 
     Args:
         scene: the scene, or its file or folder.
-        body: the generic body that the person's is near to: a shipped one's name or a USD file. [default: the scene's,
-            or adult_man]
-        frames: which of the recording's frames: first:end or first:end:stride; 20 s of them are used. [default: those
-            that the scene names]
+        body: a generic one near the person's: a shipped one's name or a USD file. [default: the scene's, or adult_man]
+        frames: of the recording: first:end or first:end:stride; 20 s are used. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
         pictures: folder for a picture of each camera that disagrees: its mask, and the outline of the body of the other
             views as the camera is calibrated (red) and as it would be put right (green).
@@ -227,10 +224,8 @@ def refine_cameras(
         fixed: the camera that stands still and gives the time. [default: the one beside which the others move least]
         height: of the person, in metres: gives the scale.
         distance: two cameras and the metres between their centres, such as cam01 cam02 3.20: gives the scale.
-        body: the generic body that the person's is near to: a shipped one's name or a USD file. [default: the scene's,
-            or adult_man]
-        frames: which of the recording's frames: first:end or first:end:stride; 20 s of them are used. [default: those
-            that the scene names]
+        body: a generic one near the person's: a shipped one's name or a USD file. [default: the scene's, or adult_man]
+        frames: of the recording: first:end or first:end:stride; 20 s are used. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
         trust_cameras: go on even if masks and calibration fit no body for a reason that this does not mend.
         force: replace a file that exists.

@@ -67,12 +67,10 @@ def demo(
 ) -> Demo:
     """Track the built-in walk of a person, or a made scene of another body, and compare it with its truth.
 
-    Result, fitted subject, overlay video, contact sheet and a plot of error against frame replace those of an earlier
-    demo.
+    Result, subject, overlay video, contact sheet and a plot of error against frame replace those of an earlier demo.
 
     Args:
-        example: what to track: the built-in walk of a person, or a made scene of a fox, a hand, or a robot with four
-            legs or an arm.
+        example: what to track: the built-in walk, or a made scene of a fox, a hand, a robot with four legs or an arm.
         output: the folder to write, made if it does not exist.
         paper: track the walk with the paper's best tracker too, from the same fit, and put both beside each other.
         reporter: receives notes and progress.

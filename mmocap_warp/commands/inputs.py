@@ -225,7 +225,7 @@ def _others(scene: Scene, source: CameraSource) -> str | None:
     larger, smaller = pairs[0]
     return (
         f"shows two blobs of about equal size ({larger} and {smaller} px), and one person is tracked at a time:"
-        f" {remedy}, or make masks of one person (docs/masks.md)"
+        f" {remedy}, make masks of one person (docs/masks.md), or name their label under [labels] as several"
     )
 
 

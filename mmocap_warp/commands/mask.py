@@ -5,17 +5,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
-from mmocap_warp.commands.caller import Reporter, start_warp
+from mmocap_warp.commands.caller import Reporter, effective, start_warp
 from mmocap_warp.commands.inputs import Frames, one_person, result_from, scene_from, span
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import holds_result
 from mmocap_warp.masks.consistency import Consistency
@@ -58,6 +58,8 @@ def mask(
     identity: int | None = None,
     with_: str | None = None,
     consistent: bool | None = None,
+    device: str | None = None,
+    threads: int | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> WrittenMasks:
@@ -74,6 +76,8 @@ def mask(
             folder of frames and one for masks (see the page on masks). [default: as the scene says]
         consistent: fill what all other views contradict and cut what no other view supports; it takes four views.
             [default: if a program makes the masks]
+        device: on which poses tell people apart: auto, cpu, cuda or cuda:1. [default: that of the scene's [track]]
+        threads: of a CPU for that. [default: those of the scene's [track]]
         force: write into a folder that holds files.
         reporter: receives notes and progress.
 
@@ -88,7 +92,7 @@ def mask(
     by_program = loaded.foreground.source == "program"
     refine, loaded = (None, loaded) if from_body is None else _around_body(loaded, from_body, scale)
     program = find_program("mediapipe" if with_ is None else with_, reporter.note) if by_program else None
-    apart = _told_apart(loaded, scale) if loaded.of_several else None
+    apart = _told_apart(loaded, scale=scale, device=device, threads=threads) if loaded.of_several else None
     unfinished = Path(output) / UNFINISHED
     folder = new_folder(output, force=force or (by_program and unfinished.is_dir()))
     images = None
@@ -136,8 +140,8 @@ def _loaded(
     return scene_from(scene, frames, identity, reporter, source="program")
 
 
-def with_masks(scene: Scene, reporter: Reporter) -> Scene:
-    """The scene itself, or one beside it whose masks are made: by a program once, or to tell people apart."""
+def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:
+    """The scene itself, or one beside it whose masks are made: by a program once, or by poses on a config's device."""
     if scene.foreground.source == "program":
         folder = _beside(scene, "masks")
         if not (folder / "scene.toml").exists():
@@ -147,7 +151,7 @@ def with_masks(scene: Scene, reporter: Reporter) -> Scene:
     elif scene.of_several:
         folder = _beside(scene, "apart")
         if _is_older(folder / "scene.toml", scene):
-            made = mask(scene.path, folder, force=True, reporter=reporter)
+            made = mask(scene.path, folder, device=config.device, threads=config.threads, force=True, reporter=reporter)
             reporter.note(f"people: told apart by their poses; look at {made.overlay}")
     else:
         return scene
@@ -166,9 +170,10 @@ def _is_older(file: Path, scene: Scene) -> bool:
     return not file.exists() or max(each.stat().st_mtime for each in given if each) > file.stat().st_mtime
 
 
-def _told_apart(scene: Scene, scale: float) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:
-    """Each frame's masks of everybody, by their poses."""
-    config = replace(config_from_table(TrackConfig, scene.settings("track")), scale=scale)
+def _told_apart(scene: Scene, **given: Any) -> Iterator[tuple[list[list[np.ndarray]], list[np.ndarray]]]:
+    """Each frame's masks of everybody, by their poses; settings that are None are the scene's."""
+    settings = {name: value for name, value in given.items() if value is not None}
+    config = effective(TrackConfig, scene.settings("track"), settings)
     start_warp(config.device)
     files = {name: person.subject for name, person in scene.people.items()}
     if lacks := [name for name, file in files.items() if file is None]:
@@ -191,18 +196,14 @@ def _remedy(scene: Scene, folder: Path) -> str:
             " are refined with --from-body RESULT"
         )
     if scene.foreground.source == "masks":
-        return (
-            look + "are they of the right subject, all of it, and in step? docs/masks.md says how to make better ones"
-        )
+        return look + "are they of all of the right subject, and in step? docs/masks.md says how to make better ones"
     return look + "docs/scene.md has the settings of [foreground], docs/masks.md other ways to make masks"
 
 
 def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> tuple[Refine, Scene]:
     """How masks are drawn around a result's body, frame after frame, from all videos; and the scene of that person."""
     if isinstance(result, str | Path) and not holds_result(result):
-        raise InputError(
-            result, "is not a result", "give the file that mmocap track wrote; a subject has only one pose"
-        )
+        raise InputError(result, "is not a result", "give the file that mmocap track wrote; a subject has one pose")
     tracked, path = result_from(result)
     person = tracked.config.get("person")
     scene = one_person(scene.of_person(person) if person in scene.people else scene)

@@ -40,8 +40,7 @@ def init(folder: str | Path, *, force: bool = False) -> Draft:
     """Write a scene.toml for the videos, images, masks and calibration in a folder.
 
     Args:
-        folder: where the videos lie, in folders of their own or not; projects of Pose2Sim, EasyMocap, Caliscope and
-            OpenCap are known.
+        folder: where the videos lie, at any depth; projects of Pose2Sim, EasyMocap, Caliscope and OpenCap are known.
         force: replace a scene.toml that exists.
 
     Returns:

@@ -304,8 +304,7 @@ def export(
         fps: frames per second, resampled by time. [default: the result's own]
         up: turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
             [default: the result's own, or the format's]
-        rig: name and bind the body as this rig, in its rest pose: mixamo, unity, unreal, vrm or soma. [default: vrm in
-            a .vrma]
+        rig: name and bind the body as this one, at rest: mixamo, unity, unreal, vrm or soma. [default: vrm in a .vrma]
         joint_set: tables only: whose joints they go by, as eval takes it.
         bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
         force: replace files that exist.

@@ -81,8 +81,7 @@ def fit(
         frames: which of the recording's frames: first:end or first:end:stride. A number is the setting of that name.
             [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
-        person: the name of who is meant, of the people in the scene; the command also takes all. [default: the
-            scene's, or all]
+        person: who is meant of the scene's people, by name; the command also takes all. [default: the scene's, or all]
         trust_cameras: go on even if masks and calibration fit no body; the subject says so.
         force: replace a file that exists.
         reporter: receives notes and progress.
@@ -184,14 +183,12 @@ def track(
             fitted first. [default: the scene's, or else one is fitted first and kept beside the result]
         config: settings. [default: those of the scene's [track] table]
         output: the result's file: .usdc, .usda or .usd. A checkpoint lies beside it until the run is complete. Unless
-            it is named, the command makes result.usdc, its overlay and its page beside the scene, those that are not
-            there.
+            it is named, the command makes what is missing beside the scene: result.usdc, its overlay and its page.
         body: where that fit starts: a shipped body's name or a USD file. [default: the scene's, or adult_man]
         rigid: that body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
         frames: which of the recording's frames. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
-        person: the name of who is meant, of the people in the scene; the command also takes all. [default: the
-            scene's, or all]
+        person: who is meant of the scene's people, by name; the command also takes all. [default: the scene's, or all]
         again: a result of this scene, in which only the frames around pins, or those of --frames, are solved anew; all
             others keep their bits. Subject and settings are the result's own; device and threads may be other ones.
         pins: for --again, a file of joints that were clicked in two views or more, which 'mmocap view' helps to write.
@@ -224,11 +221,12 @@ def track(
     loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
     if again is not None:
         return _again(loaded, again, pins, config, file, reporter, settings)
-    loaded = with_masks(loaded, reporter)
+    loaded = with_masks(loaded, reporter, effective(TrackConfig, loaded.settings("track"), settings, config))
     chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
     truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}
 
+    start_warp(chosen.device)
     # An interrupted run, or one that is complete.
     checkpoint = None if file is None else file.with_name(f"{file.name}.checkpoint")
     if checkpoint is not None and file is not None:
@@ -238,7 +236,6 @@ def track(
         if checkpoint.exists() and not (resume or force):
             remedy = "continue it with --resume, or --force a new one"
             raise InputError(checkpoint, "an interrupted run lies here", remedy)
-    start_warp(chosen.device)
     loaded.rig(chosen.scale)  # a scale that cannot be is an error before a fit of minutes
 
     # The subject: named, kept by the run that is resumed, or fitted.
@@ -330,8 +327,7 @@ def _refined(
 ) -> tuple[Scene, dict[str, str]]:
     """The scene with cameras and times that are refined where that is significantly better, and what a result says.
 
-    The calibration is kept beside the result. A run that is resumed reads it; one that had ``begun`` without keeps the
-    scene's.
+    The calibration is kept beside the result. A run that is resumed reads it; one that had ``begun`` without has none.
     """
     from mmocap_warp.commands.calibrate import refine_scene
 
@@ -401,18 +397,24 @@ def _check_model(body: BodyModel, scene: Scene, config: TrackConfig, given: dict
 
 
 def _tracked(scene: Scene, subject: Subject, config: TrackConfig, reporter: Reporter, **resumption: Any) -> Result:
-    """Track, and report progress: first of the frames, then of the frames whose smoothed poses are final."""
+    """Track, and report progress: of the frames, perhaps of a second start, then of frames whose poses are final."""
     total, evaluations = scene.frame_count, 0
     with ExitStack() as stages:
         progress: Progress = stages.enter_context(reporter.stage("track"))
 
+        def begin(stage: str) -> None:
+            nonlocal progress
+            stages.close()
+            progress = stages.enter_context(reporter.stage(stage))
+
         def report(frame: int, answer: FrameAnswer) -> None:
-            nonlocal evaluations, progress
+            nonlocal evaluations
+            if frame == 0 and evaluations:
+                begin("track again")
             evaluations += answer.evaluations * config.runs
             progress(frame + 1, total, evaluations)
             if config.acceleration and frame + 1 == total:
-                stages.close()
-                progress = stages.enter_context(reporter.stage("smooth"))
+                begin("smooth")
 
         def report_smoothed(done: int) -> None:
             progress(done, total)

@@ -147,8 +147,7 @@ def overlay(
         run: of which run; None for the best one.
 
     Returns:
-        (height, width, 3) uint8, red, green, blue; as large as the camera's images, or as its masks where the scene has
-        no video.
+        (height, width, 3) uint8, red, green, blue; as large as the camera's images, or as its masks without a video.
 
     Raises:
         ValueError: no such camera.

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import islice
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -41,7 +41,6 @@ from mmocap_warp.fitting.standing_search import (
     standing_start,
     subject_hull,
 )
-from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.rigging.attaching import carrying
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -71,27 +70,23 @@ FitProgress = Callable[[str, float, float], None]
 def fit(
     scene: Scene,
     body: BodyModel,
-    config: FitConfig | None = None,
+    config: FitConfig,
     progress: FitProgress | None = None,
     start_poses: np.ndarray | None = None,
-    **settings: Any,
 ) -> Subject:
     """Fit a body to a scene: its first frame finds the pose, its first seconds the shape.
 
     Args:
         scene: the recording.
         body: the generic body that the subject's is expected to be near to; it gets what the scene says is attached.
-        config: settings; None for those of the scene's [fit] table.
+        config: settings.
         progress: called after every stage.
         start_poses: (pose, coordinate); the recording starts in about one of them. None for the body's usual ones.
             Their place and heading are searched.
-        settings: fields of :class:`FitConfig` to replace those of ``config``, such as ``headings=4``.
 
     Raises:
-        ValueError, TypeError: a setting that cannot be, or is none.
         InputError: the first frame's masks do not show one subject in at least two views.
     """
-    config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
     body = carrying(body, scene.attached).body
     scale = config.scale or min(1.0, LONGEST_IMAGE / float(scene.rig().size.max()))
     numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
@@ -103,6 +98,8 @@ def fit(
         )  # fmt: skip
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
+        if scene.of_several:
+            remedy = "fit each person in frames (--frames) in which labels tell them apart, or from masks of one alone"
         raise InputError(scene.path, f"frame {scene.first_frame}: {error}", remedy) from None
     if scene.first_frame:
         subject = replace(subject, provenance=subject.provenance | {"fit.first_frame": scene.first_frame})

@@ -21,8 +21,7 @@ def clean_mask(
         mask: (height, width) bool.
         settings: lengths and areas in pixels of the calibrated image.
         scale: of this mask relative to the calibrated image.
-        body: (height, width) bool, where the body was last: for ``keep = "nearest"``, which without it keeps the
-            largest component.
+        body: (height, width) bool, where the body was last: for ``keep = "nearest"``, without it the largest.
 
     Returns:
         (height, width) bool.

@@ -39,8 +39,7 @@ class MaskProgram:
         """Let it make the masks of one camera that are not there yet.
 
         ``frames`` is a folder of images of one ``size``, width and height [px], and ``masks`` that for their masks;
-        what the program says goes into a file beside it. ``progress`` is called with the number of masks that are
-        there.
+        what the program says goes into a file beside it. ``progress`` is called with how many masks there are.
 
         Returns:
             A mask for each frame, in their order.

@@ -41,17 +41,24 @@ def repeated_views(observations: Iterable[Observation]) -> np.ndarray:
     return repeated
 
 
+def frozen_views(repeated: np.ndarray) -> np.ndarray:
+    """(frame, camera) bool: of views that show an image once more, those of cameras that froze while others went on."""
+    return repeated & ~repeated.all(axis=1, keepdims=True)
+
+
 def _changes(observations: Iterable[Observation]) -> np.ndarray:
     """(frame, camera) by how much outlines move from the frame before, about [px]; 0 in the first frame.
 
-    NaN where nobody is seen.
+    NaN where nobody is seen, and where an image is known to be of another time than its frame.
     """
     changes, before = [], None
     for seen in observations:
         last = before or seen
         largest = np.maximum(seen.foreground, last.foreground)
         pixels = np.bitwise_count(seen.words ^ last.words).sum(axis=(1, 2), dtype=np.int64)
-        changes.append(np.where(seen.foreground > 0, pixels / (4 * np.sqrt(np.maximum(largest, 1))), np.nan))
+        late, late_before = (0.0 if each.late is None else each.late for each in (seen, last))
+        known = (seen.foreground > 0) & (late == late_before)  # by what differs, cameras of another rate do
+        changes.append(np.where(known, pixels / (4 * np.sqrt(np.maximum(largest, 1))), np.nan))
         before = seen
     return np.array(changes)
 

@@ -85,8 +85,7 @@ def draft_scene(folder: Path) -> Draft:
     """Look at what a folder holds and draft its scene file. Nothing is written.
 
     Raises:
-        InputError: a folder without videos and images, a calibration that cannot be read, or several recordings that
-            could be meant.
+        InputError: a folder without videos and images, an unreadable calibration, or several possible recordings.
     """
     draft = Draft(project=search.project_kind(folder))
     files = search.find_media(folder)
@@ -128,15 +127,12 @@ def _note_exposures(draft: Draft, media: _Media) -> None:
     usual = float(np.median([*level.values()])) if level else 0.0
     for name, own in level.items():
         if max(own, usual) > _UNLIKE_LEVELS * min(own, usual):
-            than = (
-                f"{'darker' if own < usual else 'brighter'} than the others (mean gray {own:.0f}, theirs {usual:.0f})"
-            )
+            than = f"{'darker' if own < usual else 'brighter'} than others (mean gray {own:.0f}, theirs {usual:.0f})"
             draft.found.append(f"{name} is {than}: look whether its masks are as good; expose all cameras alike")
 
 
 def _sizes(media: list[Medium], found: CalibrationFile) -> dict[str, tuple[int, int]]:
-    """Of the recordings and masks, by their own names, for a calibration that may not tell sizes; of all, where there
-    is one."""
+    """Of recordings and masks, by their names, for a calibration that may not tell sizes; of all, if there is one."""
     if not found.format.open_sizes:
         return {}
     sizes: dict[str, tuple[int, int]] = {}

@@ -164,6 +164,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
         media = {"masks": quoted(source.name), "video": path(source.video.path if source.video else None)}
         lines += ["", f"[cameras.{quoted(source.name)}]", *_key_lines(media | _placement(source, scene.fps))]
     lines += ["", "[labels]", f"thing = {UNDECIDED}"] if people else []
+    lines += ["told_apart = true   # by their poses"] if scene.of_several or scene.told_apart else []
     for number, (name, person) in enumerate(people.items(), 1):
         own = quoted(person.body) if isinstance(person.body, str) else path(person.body)
         files = {"subject": path(person.subject), "body": own, "truth": path(person.truth)}

@@ -82,6 +82,7 @@ class Scene:
         attached: what the body carries.
         people: who is labelled in the masks, by name; empty where the scene has no such table.
         person: the name of the one of them who is tracked; empty where none is chosen.
+        told_apart: whether poses told these people apart.
     """
 
     path: Path
@@ -106,6 +107,7 @@ class Scene:
     attached: tuple[Attachment, ...] = ()
     people: dict[str, Person] = field(default_factory=dict)
     person: str = ""
+    told_apart: bool = False
 
     def __repr__(self) -> str:
         names = ", ".join(self.calibrated.names)

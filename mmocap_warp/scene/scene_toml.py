@@ -60,8 +60,7 @@ def load_scene(
         identity: of the person to be tracked, instead of the scene's own [foreground] identity.
         masks: whether masks, or what they are made of, must be there; a look at the cameras does without.
         calibrated: whether a calibration must be named, which must say where cameras stand, and cameras must agree on
-            where they end. Without one, they are pinholes of the recorded images' sizes that stand nowhere in
-            particular.
+            where they end. Without one, they are pinholes of the recorded images' sizes that stand nowhere.
         source: instead of the scene's own [foreground] source: ``"program"``, or ``"subtraction"`` for the best of the
             backgrounds that the scene has.
         live: what is tracked comes from elsewhere: no video and no masks must be there, only what is subtracted.
@@ -76,7 +75,7 @@ def load_scene(
     # The file's tables; an unknown one is reported before anything else.
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
     labels, people = file.take_table("labels"), file.take_table("people").take_tables()
-    labelled = bool(people) or labels.has("person")
+    labelled, told_apart = bool(people) or labels.has("person"), labels.take("told_apart", bool, False)
     foreground = _read_foreground(file.take_table("foreground"), identity, source, labelled)
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     attached = take_attachments(file, path.parent)
@@ -142,6 +141,7 @@ def load_scene(
         named_frames=named,
         attached=attached,
         people=named_people,
+        told_apart=told_apart,
     )
     truth.finish()
     return scene if tracked is None else scene.of_person(tracked)
@@ -219,7 +219,8 @@ def _check_sources(
         images = ((image, labels) for masks, labels in of_views for image in masks.sample(_SAMPLES))
         if not any(decode_mask(image, label).any() for image, labels in images for label in labels):
             where = f"{table.source}: [people.{name}]"
-            raise InputError(where, f"no mask shows label {person.labels[0]}", "give that of the person in the masks")
+            remedy = "give the person's in the masks; if people are one blob, name the blob's under [labels] as several"
+            raise InputError(where, f"no mask shows label {person.labels[0]}", remedy)
 
 
 def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, where: str) -> None:

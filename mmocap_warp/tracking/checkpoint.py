@@ -111,7 +111,8 @@ class Checkpoint:
     A tracker's memory, such as a filter's particles, may be large, and only the last frame's is needed. So there are
     two places for it, before the frames, and saves take turns: one of the two is always whole.
 
-    Frames are saved every few seconds, and when the ``with`` of a checkpoint ends, however it ends.
+    Frames are saved every few seconds, and when the ``with`` of a checkpoint ends, however it ends. Those of a second
+    start follow those of the first.
     """
 
     def __init__(self, path: Path, identity: Identity, state: TrackState, cameras: int) -> None:

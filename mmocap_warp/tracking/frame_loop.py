@@ -24,9 +24,8 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.masks.observation import KeptObservations, Observation
-from mmocap_warp.masks.repeats import repeated_views
+from mmocap_warp.masks.repeats import frozen_views, repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.frame_choice import read_ahead
@@ -109,14 +108,13 @@ def collect(
 def track(
     scene: Scene,
     subject: Subject,
-    config: TrackConfig | None = None,
+    config: TrackConfig,
     *,
     checkpoint: Path | None = None,
     resume: bool = False,
     accept_changed_code: bool = False,
     progress: FrameReport | None = None,
     smooth_progress: SmoothReport | None = None,
-    **settings: Any,
 ) -> Result:
     """Track a scene from its first frame to its last; the result has the recording's frame numbers.
 
@@ -126,23 +124,21 @@ def track(
     Args:
         scene: the recording, or part of it; its masks are streamed.
         subject: where to start; what the scene says is attached and the subject lacks, it gets.
-        config: settings; None for those of the scene's [track] table.
+        config: settings.
         checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
         resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
         accept_changed_code: continue also where another version of the program began; its frames stay as they are.
-        progress: called after every frame, also once for each frame that was already done.
+        progress: called after every frame, also once for each frame that was already done; for all of them once more
+            where tracking starts again without the views of frozen cameras.
         smooth_progress: called with the number of frames whose poses are final, while the track is smoothed. A run
             that is resumed reads all masks again for that, and smooths its whole track anew.
-        settings: fields of :class:`TrackConfig` to replace those of ``config``, such as ``evaluations=200``.
 
     Raises:
-        ValueError, TypeError: a setting that cannot be, or is none.
         InputError: unreadable images, a checkpoint that is damaged, another run's or of another version, more than fits
             into the device's memory, or a subject that was fitted to another frame than the first.
     """
     check_start(scene, subject)
     subject, _ = subject_carrying(subject, scene.attached)
-    config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     rig, unit = scene.rig(config.scale), subject.body.unit
 
     # Refuse another run's checkpoint before anything is built.
@@ -154,14 +150,13 @@ def track(
     subject, rig, config = in_own_unit(subject, rig, config)
     tracker = make_tracker(subject, rig, config, scene.rate)
 
-    # Go on after the frames that were saved.
+    # Go on after the frames that were saved, which may be those of a second start, too.
     answers: list[FrameAnswer] = []
     saved = Checkpoint(checkpoint, identity, tracker.state, len(rig)) if checkpoint else None
     if saved and resume:
         answers, tracker.state = saved.resumed()
-    for number, answer in enumerate(answers):
-        if progress:
-            progress(number, answer)
+    again, state = answers[scene.frame_count :], tracker.state
+    del answers[scene.frame_count :]
 
     # Track the others. What is kept of masks with several people in them follows the body.
     with KeptObservations() as kept:
@@ -173,17 +168,11 @@ def track(
             observations = read_ahead(observations)
 
         # A hole that was open when the run was interrupted is still open.
-        again = range(max(0, done - ceil(HOLE_SECONDS * scene.rate)), done)
-        if again:
+        first = max(0, done - ceil(HOLE_SECONDS * scene.rate))
+        if first < done:
             begun = collect(subject, rig, scene.fps, config, answers, scene.frames[:done])
-            earlier = tracked_observations(scene, begun, again)
-            observations = chain(earlier, observations)
-        poses = [answers[number].pose for number in again]
-
-        def body_before(place: int) -> ViewMasks:
-            return silhouettes_of(poses[place - 1] if place < len(poses) else tracker.state.pose)
-
-        observations = islice(with_holes(observations, scene.rate, body_before), len(again), None)
+            observations = chain(tracked_observations(scene, begun, range(first, done)), observations)
+        observations = with_holes(observations, scene.rate, lambda i: silhouettes_of(answers[first + i - 1].pose))
         # Smooth meanwhile, where there are cores for both.
         beside = None
         if config.acceleration and not done and tracker.device == "cpu" and (config.threads or available_threads()) > 1:
@@ -193,11 +182,7 @@ def track(
             beside = _SmoothingBeside(room, config, kept, smooth_progress)
 
         with closing(beside) if beside else nullcontext():
-            with saved or nullcontext():
-                for answer in track_frames(tracker, observations, first=done, saved=saved, progress=progress):
-                    if beside:
-                        beside.add(len(answers), answer)
-                    answers.append(answer)
+            _extend(answers, tracker, islice(observations, done - first, None), saved, progress, beside)
             result = collect(subject, rig, scene.fps, config, answers, scene.frames)
             complete = len(kept) == len(answers)
 
@@ -206,8 +191,35 @@ def track(
             def masks() -> Iterable[Observation]:
                 return kept if complete else tracked_observations(scene, result)
 
-            finished = _finished(result, config, masks, smooth_progress, beside if complete else None)
+            def start_again(shown: Callable[[BodyBefore], Iterator[Observation]]) -> list[FrameAnswer]:
+                tracker = make_tracker(subject, rig, config, scene.rate)
+                if again:
+                    tracker.state = state
+                seen = shown(lambda place: silhouettes_of(again[place - 1].pose))
+                _extend(again, tracker, islice(seen, len(again), None), saved, progress)
+                return again
+
+            finished = _finished(result, config, masks, start_again, smooth_progress, beside if complete else None)
         return replace(finished.in_unit(1 / unit), **given)
+
+
+def _extend(
+    answers: list[FrameAnswer],
+    tracker: Tracker | ContourTracker,
+    observations: Iterable[Observation],
+    saved: Checkpoint | None,
+    progress: FrameReport | None,
+    beside: _SmoothingBeside | None = None,
+) -> None:
+    """Track the frames after those whose ``answers`` are known."""
+    if progress:
+        for number, answer in enumerate(answers):
+            progress(number, answer)
+    with saved or nullcontext():
+        for answer in track_frames(tracker, observations, first=len(answers), saved=saved, progress=progress):
+            if beside:
+                beside.add(len(answers), answer)
+            answers.append(answer)
 
 
 class _SmoothingBeside:
@@ -229,7 +241,9 @@ class _SmoothingBeside:
         self._smoothed = self._pool.submit(smoothed, room, config, seen, progress)
 
     def add(self, frame: int, answer: FrameAnswer) -> None:
-        """A frame, by its position, was tracked."""
+        """A frame, by its position, was tracked. An error of the thread, which needs this frame, is raised here."""
+        if self._smoothed.done():
+            self._smoothed.result()
         for name in ("pose", "cost", "iou", "status"):
             getattr(self._room, name)[:, frame] = getattr(answer, name)
         self._added.release()
@@ -263,18 +277,18 @@ def _finished(
     result: Result,
     config: TrackConfig,
     masks: Callable[[], Iterable[Observation]],
+    start_again: Callable[[Callable[[BodyBefore], Iterator[Observation]]], list[FrameAnswer]],
     progress: SmoothReport | None,
     beside: _SmoothingBeside | None = None,
 ) -> Result:
     """The track, smoothed where that is wanted, and what the masks, read anew each time, say about it.
 
     A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen. The tracker has
-    followed that view, so it starts once more without it. What smoothed the track ``beside`` knew of neither: it holds
-    where there are none.
+    followed that view, so it must ``start_again`` with what is shown then. What smoothed the track ``beside`` knew of
+    neither: it holds where there are none.
     """
     repeated = repeated_views(read_ahead(masks()))
-    at_once = np.logical_and.reduce(repeated, axis=1)
-    frozen = repeated & ~at_once[:, None]
+    at_once, frozen = repeated.all(axis=1), frozen_views(repeated)
     whole = beside if not repeated.any() else None
     if beside and not whole:
         beside.close()  # else two threads smooth at once
@@ -285,9 +299,7 @@ def _finished(
         return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if frozen.any() else seen
 
     if frozen.any():
-        tracker = make_tracker(result.subject, result.cameras, config, result.rate)
-        answers = list(track_frames(tracker, shown(lambda _: silhouettes_of(tracker.state.pose))))
-        again = collect(result.subject, result.cameras, result.fps, config, answers)
+        again = collect(result.subject, result.cameras, result.fps, config, start_again(shown))
         names, numbers = result.cameras.names, result.frame_numbers
         left_out = {name: numbers[frozen[:, k]].tolist() for k, name in enumerate(names) if frozen[:, k].any()}
         told, seconds = result.config | {"frozen_views": left_out}, result.seconds + again.seconds

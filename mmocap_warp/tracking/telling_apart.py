@@ -9,8 +9,10 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import body_silhouettes
+from mmocap_warp.tracking.from_settings import in_own_unit
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -27,8 +29,9 @@ def told_apart(scene: Scene, subjects: Sequence[Subject], config: TrackConfig) -
     is that of whoever was clearly the nearest to it in the frame before, or stays in doubt.
     """
     rig, config = scene.rig(config.scale), replace(config, runs=1)
-    trackers = [make_tracker(subject, rig, config, scene.rate) for subject in subjects]
-    silhouettes_of = [body_silhouettes(subject, rig) for subject in subjects]
+    scaled = [in_own_unit(subject_carrying(subject, scene.attached)[0], rig, config) for subject in subjects]
+    trackers = [make_tracker(*each, scene.rate) for each in scaled]
+    silhouettes_of = [body_silhouettes(subject, cameras) for subject, cameras, _ in scaled]
     own = zip(*(scene.of_person(name).masks(config.scale) for name in scene.people), strict=True)
     unsure_of = replace(scene, cameras=tuple(replace(each, in_front=each.several) for each in scene.cameras))
     streams = own, unsure_of.hidden(config.scale), scene.hidden(config.scale)
@@ -56,12 +59,15 @@ def doubted_together(results: Mapping[str, Result]) -> tuple[dict[str, Result], 
     """
     tracked, partial = STATUS.index("tracked"), STATUS.index("partial")
     doubted = np.logical_or.reduce([each.status != tracked for each in results.values()])
-    sigmas = [each.joint_sigma for each in results.values() if each.joint_sigma is not None]
-    worst = np.max([np.square(each).mean(axis=3).max(axis=2) ** 0.5 for each in sigmas], axis=0, initial=0.0)
-    worst = np.where(doubted, worst, 0.0)[..., None, None]  # of all joints, as large as the largest of anybody
+    sigmas = {name: each.joint_sigma for name, each in results.items() if each.joint_sigma is not None}
+    sizes = {name: np.square(sigma).sum(axis=3, keepdims=True) for name, sigma in sigmas.items()}
+    worst = np.max([size.max(axis=2, keepdims=True) for size in sizes.values()], axis=0, initial=0.0)
     doubtful = {}
     for name, result in results.items():
         status = np.where(doubted & (result.status == tracked), partial, result.status).astype(result.status.dtype)
-        sigma = None if result.joint_sigma is None else np.maximum(result.joint_sigma, worst)
+        sigma = sigmas.get(name)
+        if sigma is not None:  # all joints are as unsure as the worst of anybody's; who is already keeps the bits
+            missing = np.where(doubted[..., None, None], worst - sizes[name], 0.0)
+            sigma = np.where(missing > 1e-6 * worst, np.sqrt(np.square(sigma) + missing / 3), sigma)
         doubtful[name] = replace(result, status=status, joint_sigma=sigma)
     return doubtful, int(doubted.any(axis=0).sum())

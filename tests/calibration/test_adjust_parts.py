@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -147,6 +148,18 @@ def test_each_camera_gives_its_nearest_whole_frame(scene) -> None:
         np.testing.assert_array_equal(masks[1], all_masks[min(frame + 2, 4)][1])
         np.testing.assert_array_equal(masks[2], all_masks[frame][2])
     np.testing.assert_allclose(footage.rest(offset) * FPS, [0.8, 0.3, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_camera_gives_nothing_while_it_is_frozen(tmp_path: Path) -> None:
+    """Every second frame is used, of which there would be too few to notice it."""
+    scene = replace(write_scene(tmp_path, frames=26), fps=60.0)
+    folder = tmp_path / "masks" / RIG.names[1]
+    for frame in range(13, 26):
+        shutil.copy(folder / "0012.png", folder / f"{frame:04d}.png")
+    seen = Footage(scene, 1.0).observations(np.zeros(len(RIG)))
+    assert [each.foreground.astype(bool).tolist() for each in seen] == 7 * [[True] * 4] + 6 * [
+        [True, False, True, True]
+    ]
 
 
 def test_who_is_followed_from_a_known_pose_is_not_the_larger_one(scene) -> None:

@@ -176,6 +176,7 @@ def test_two_people_are_named_where_each_view_keeps_one_of_them(monkeypatch) -> 
     found = look(walk()[0], body())
     assert "two people" in str(found.problem)
     assert "nearest" in found.remedy
+    assert "track both ([labels] several)" in found.remedy
 
 
 def test_a_background_from_the_recording_may_hold_the_subject(monkeypatch) -> None:

@@ -176,6 +176,7 @@ def test_two_blobs_of_equal_size_are_noticed(tmp_path, capsys):
     told = capsys.readouterr().err
     assert "shows two blobs of about equal size" in told
     assert "one person is tracked at a time" in told
+    assert "name their label under [labels] as several" in told
 
 
 def test_one_person_is_no_news(tmp_path, capsys):

@@ -10,8 +10,7 @@ from pxr import Sdf, Usd, UsdSkel
 from synthetic import synthetic_result
 
 from mmocap_warp.cli import console, main
-from mmocap_warp.cli.command import Answer
-from mmocap_warp.cli.several_people import answer_of_each
+from mmocap_warp.cli.command import Answer, answer_of_each
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.formats.usd.usd_people import results_in, write_people

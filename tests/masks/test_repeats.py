@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,16 @@ def test_one_camera_that_freezes(end):
     repeated = repeated_views(seen(place))
     assert np.flatnonzero(repeated[:, 1]).tolist() == list(range(21, end))
     assert not repeated[:, [0, 2]].any()
+
+
+def test_a_camera_that_is_known_to_take_half_as_many_images_repeats_none():
+    place, frame = course(), np.arange(FRAMES)
+    place[:, 1] = place[frame // 2 * 2, 1]
+    observations, late = seen(place), np.zeros((FRAMES, VIEWS))
+    assert repeated_views(observations)[:, 1].sum() > 20
+    late[:, 1] = -(frame % 2) / 60
+    known = [replace(each, late=of if of.any() else None) for each, of in zip(observations, late, strict=True)]
+    assert not repeated_views(known).any()
 
 
 def test_somebody_who_leaves_a_view_freezes_nothing():

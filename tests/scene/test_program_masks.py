@@ -185,7 +185,7 @@ def test_a_track_makes_the_masks_first_and_once(scene: Path, monkeypatch: pytest
     monkeypatch.setattr(mask_command, "find_program", lambda text, note: program)
     for frames in (None, "1:3"):
         asked = load_scene(scene, frames)
-        made = mask_command.with_masks(asked, mm.Reporter())
+        made = mask_command.with_masks(asked, mm.Reporter(), mm.TrackConfig())
         assert (made.path, made.frames) == (scene / "masks" / "scene.toml", asked.frames)
     assert len(starts(scene)) == 3
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,8 +15,10 @@ from mmocap_warp.body.posing import joint_positions
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.result.verdict import verdict
+from mmocap_warp.tracking.body_masks import body_silhouettes
 from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.frame_loop import _finished, collect
+from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
 SUBJECT, RIG, FRAMES = synthetic_subject(), ring_rig(cameras=4, size=(240, 180)), 16
@@ -81,7 +83,7 @@ def test_every_second_frame_repeated_is_smoothed_as_if_it_were_not_there():
     raw = tracked(poses=truth[again])
 
     def error(masks):
-        result = _finished(raw, CONFIG, lambda: masks, None)
+        result = _finished(raw, CONFIG, lambda: masks, pytest.fail, None)
         off = joint_positions(SUBJECT, result.pose[0]) - joint_positions(SUBJECT, truth)
         return np.linalg.norm(off, axis=-1)[:-1].mean(), result
 
@@ -101,6 +103,11 @@ def _speck(number):
     return words
 
 
+def followed(tracker, shown):
+    silhouettes_of = body_silhouettes(SUBJECT, RIG)
+    return [tracker.step(each) for each in shown(lambda _: silhouettes_of(tracker.state.pose))]
+
+
 def test_a_frozen_view_is_left_out_and_named():
     truth, seen = swinging()
     frozen = [replace(each, words=each.words.copy()) for each in seen]
@@ -110,7 +117,8 @@ def test_a_frozen_view_is_left_out_and_named():
     for config in (CONFIG, replace(CONFIG, smooth=0.0)):
         closed = []  # what smooths meanwhile smooths a track that is not wanted
         beside = SimpleNamespace(close=lambda closed=closed: closed.append(True))
-        result = _finished(misled, config, lambda: frozen, None, beside)
+        tracker = make_tracker(SUBJECT, RIG, config, 60.0)
+        result = _finished(misled, config, lambda: frozen, partial(followed, tracker), None, beside)
         assert closed == [True]
         assert result.config["frozen_views"] == {"cam04": list(range(4, 15))}
         assert np.isnan(result.iou[0, 4:15, 3]).all()

@@ -26,7 +26,7 @@ from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.tracking import checkpoint
+from mmocap_warp.tracking import checkpoint, frame_loop
 from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker, TrackState
@@ -198,6 +198,26 @@ def test_progress_reports_what_was_done_before(loaded, subject, interrupted):
     told = []
     track(loaded, subject, CONFIG, checkpoint=interrupted, resume=True, progress=lambda number, _: told.append(number))
     assert told == list(range(FRAMES))
+
+
+@pytest.mark.parametrize("after", [1, FRAMES + 4])
+def test_a_second_start_is_reported_and_resumed(after, loaded, subject, tmp_path, monkeypatch):
+    """Of a camera that froze, whose view is left out then. It is stopped in the first or in the second start."""
+    frozen, told, stepped, step = np.zeros((FRAMES, 3), bool), [], [], Tracker.step
+    frozen[2:6, 1] = True
+    monkeypatch.setattr(frame_loop, "repeated_views", lambda seen: frozen)
+    whole = track(loaded, subject, CONFIG, progress=lambda number, _: told.append(number))
+    assert told == 2 * list(range(FRAMES))
+    with monkeypatch.context() as patched:
+        patched.setattr(Tracker, "step", stopping_step(after))
+        with pytest.raises(KeyboardInterrupt):
+            track(loaded, subject, CONFIG, checkpoint=tmp_path / "c")
+    monkeypatch.setattr(Tracker, "step", lambda self, seen: stepped.append(1) or step(self, seen))
+    result = track(loaded, subject, CONFIG, checkpoint=tmp_path / "c", resume=True)
+    assert len(stepped) == 2 * FRAMES - after
+    for name in ("pose", "cost", "iou", "status", "joint_sigma"):
+        np.testing.assert_array_equal(getattr(result, name), getattr(whole, name), err_msg=name)
+    assert np.isnan(result.iou[0, 2:6, 1]).all()
 
 
 def test_without_a_checkpoint_resuming_starts_from_the_first_frame(loaded, subject, tmp_path):

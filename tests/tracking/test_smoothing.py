@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import wait
 from contextlib import closing
 from dataclasses import replace
 from functools import cache
@@ -22,7 +23,7 @@ from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.tracking import smoothing
+from mmocap_warp.tracking import frame_loop, smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.frame_loop import _SmoothingBeside, collect, track, track_observations
 from mmocap_warp.tracking.pose_search import PoseSearch
@@ -308,6 +309,23 @@ def test_smoothed_while_it_is_tracked_a_clip_has_the_same_bits(monkeypatch, fram
         result = beside.of(track)
     for name, array in whole.arrays.items():
         np.testing.assert_array_equal(getattr(result, name), array, err_msg=name)
+
+
+def test_an_error_of_the_smoothing_stops_the_track_at_the_next_frame(monkeypatch):
+    def broken(raw, config, observations, progress):
+        next(observations)
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(frame_loop, "smoothed", broken)
+    seen, track = swinging()[1], rough_track()
+    answers = [FrameAnswer(pose, *(np.ones(1),) * 2, 1, 0, 0.0) for pose in np.moveaxis(track.pose, 1, 0)]
+    with KeptObservations() as kept, closing(_SmoothingBeside(track, CONFIG, kept, None)) as beside:
+        for frame in range(2):
+            kept.add(seen[frame])
+            beside.add(frame, answers[frame])
+        wait([beside._smoothed])
+        with pytest.raises(ZeroDivisionError):
+            beside.add(2, answers[2])
 
 
 def test_an_interrupted_track_leaves_no_thread_waiting():

@@ -320,7 +320,7 @@ def test_the_component_nearest_the_tracked_body_is_kept(walk):
     asked = []
 
     class Recording:
-        path, fps, rate, frames, attached = Path("scene.toml"), FPS, FPS, range(3), ()
+        path, fps, rate, frames, frame_count, attached = Path("scene.toml"), FPS, FPS, range(3), 3, ()
         foreground = ForegroundSettings(keep="nearest")
 
         def rig(self, scale):

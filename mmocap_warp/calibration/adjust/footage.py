@@ -1,7 +1,6 @@
 """The frames of a recording that calibrate it, with times that may yet change, and the person who is seen in them."""
 
 from dataclasses import dataclass, replace
-from itertools import islice
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from mmocap_warp.body.rotations import between, transposed
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.repeats import frozen_views, repeated_views
 from mmocap_warp.scene.recording import Scene
 
 _RATE = 30.0  # frames a second: more are not needed to follow a person
@@ -47,7 +47,7 @@ class Footage:
     def observations(self, offset: np.ndarray) -> list[Observation]:
         """The masks of the frames that are used, if cameras lag by ``offset`` (camera,) [s] more than the scene says.
 
-        Each camera gives its nearest whole frame.
+        Each camera gives its nearest whole frame, and none while it is frozen.
         """
         shifted = tuple(
             replace(source, frame_offset=int(frames), fraction=0.0)
@@ -55,8 +55,9 @@ class Footage:
         )
         scene = replace(self._scene, cameras=shifted)
         count = min(scene.frame_count, max(1, round(_MAX_SECONDS * scene.rate)))
-        masks = islice(scene.masks(self.scale, count=count), 0, None, self._step)
-        return [Observation.from_masks(views) for views in masks]
+        every = [Observation.from_masks(views) for views in scene.masks(self.scale, count=count)]
+        seen = list(zip(every, frozen_views(repeated_views(every)), strict=True))[:: self._step]
+        return [each.without(frozen) if frozen.any() else each for each, frozen in seen]
 
 
 @dataclass(frozen=True, eq=False)

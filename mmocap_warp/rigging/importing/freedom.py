@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.rotations import continuous_zyx_angles, nearest_rotation, transposed
 from mmocap_warp.body.skeleton import Pair
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, skinned
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, skinned
 from mmocap_warp.rigging.importing.joint_tree import all_frames, chains, name_list, skin_below, skin_of
 
 _FLAT = 0.2  # bones lie in a plane if they leave it by less than this share of what they leave a line by
@@ -72,7 +72,11 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             free = "" if mesh.rigid and _is_one_chain(mesh) else "xyz"
             freedoms.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
         elif joint in mesh.axes:
-            freedoms.append(_freedom_of_file_joint(mesh.axes[joint], ends[joint] - place[joint], least_travel))
+            how, limits = mesh.axes[joint], np.zeros((3, 2))
+            limits[0] = how.lower, how.upper
+            free = "x" if not how.slides or least_travel <= how.upper - how.lower < np.inf else ""
+            frame = hinge_frame(how.axis, ends[joint] - place[joint])
+            freedoms.append(Freedom(frame, free, limits, "file", how.slides))
         else:
             freedoms.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
     return _as_seen(mesh, freedoms)
@@ -279,10 +283,3 @@ def _ball(at: np.ndarray, end: np.ndarray, swing: float, twist: float) -> Freedo
     x /= np.linalg.norm(x)
     limits = np.array([[-swing, swing], [-twist, twist], [-swing, swing]])
     return Freedom(np.stack([x, y, np.cross(x, y)], axis=1), "xyz", limits, "derived")
-
-
-def _freedom_of_file_joint(how: JointAxis, bone: np.ndarray, least_travel: float) -> Freedom:
-    limits = np.zeros((3, 2))
-    limits[0] = how.lower, how.upper
-    searched = not how.slides or least_travel <= how.upper - how.lower < np.inf
-    return Freedom(hinge_frame(how.axis, bone), "x" if searched else "", limits, "file", how.slides)

@@ -124,7 +124,8 @@ def with_usual_bones(mesh: RiggedMesh, kept: Container[str] = ()) -> RiggedMesh:
         shift, local = np.eye(4), np.linalg.inv(turning[above]) @ turning[joint]
         if len(world) and joint not in mesh.axes and mesh.joints[joint] not in kept:
             seen = np.linalg.inv(world[:, above]) @ world[:, joint]
-            leaves, (pivot, strays) = _rms(seen[:, :3, 3] - np.median(seen[:, :3, 3], axis=0)), _pivot(seen)
+            offset, (pivot, strays) = seen[:, :3, 3] - np.median(seen[:, :3, 3], axis=0), _pivot(seen)
+            leaves = float(np.linalg.norm(offset)) / np.sqrt(len(seen))
             if leaves > limit and (strays < limit or leaves > max(_FAR * limit, 2 * strays)):
                 shift[:3, 3] = pivot
                 turning[joint], world[:, joint] = turning[joint] @ shift, world[:, joint] @ shift
@@ -146,11 +147,7 @@ def _pivot(seen: np.ndarray) -> tuple[np.ndarray, float]:
     """(3,) the point of a joint that moves least in all of its transforms (frame, 4, 4), and how far that strays."""
     matrix = np.concatenate([seen[:, :3, :3], np.tile(-np.eye(3), (len(seen), 1, 1))], axis=2).reshape(-1, 6)
     found = np.linalg.lstsq(matrix, -seen[:, :3, 3].ravel(), rcond=1e-3)[0]
-    return found[:3], _rms((matrix @ found).reshape(-1, 3) + seen[:, :3, 3])
-
-
-def _rms(offset: np.ndarray) -> float:
-    return float(np.sqrt((offset**2).sum(axis=1).mean()))
+    return found[:3], float(np.linalg.norm(matrix @ found + seen[:, :3, 3].ravel())) / np.sqrt(len(seen))
 
 
 def all_frames(mesh: RiggedMesh) -> np.ndarray:

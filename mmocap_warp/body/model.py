@@ -14,9 +14,9 @@ from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.errors import InputError
 
 _PERSON = 1.2  # extent of a body that counts as large as a person [m]
-_USUAL_PERSON = 1.8  # extent of a person, by which larger bodies are measured [m]
+_USUAL_PERSON = 1.8  # extent of a person, by which bodies of another size are measured [m]
 _MEASURED = ("body.", "shape.bone.", "shape.girth.")  # what a subject's lengths are called in its provenance
-_NO_PERSON = 3.0  # extent from which on a body is larger than any person [m]
+_IN_METRES = 0.06, 3.0  # extent of bodies that metres suit, from mice to the largest people [m]
 
 
 @dataclass(frozen=True)
@@ -109,13 +109,13 @@ class BodyModel:
 
     @property
     def unit(self) -> float:
-        """The unit of length in which it is searched for [m]: that in which a larger body is as large as a person."""
-        return self.extent / _USUAL_PERSON if self.extent > _NO_PERSON else 1.0
+        """The unit of length in which it is searched for [m]: that in which a giant or a beetle is as large as we are."""
+        return 1.0 if _IN_METRES[0] <= self.extent <= _IN_METRES[1] else self.extent / _USUAL_PERSON
 
     @property
     def relative_size(self) -> float:
         """Its extent over a person's, 1 up to the largest person's: a factor for lengths that hold for people."""
-        return self.unit if self.unit > 1 else min(1.0, self.extent / _PERSON)
+        return min(1.0, self.extent / _PERSON) if self.unit == 1.0 else self.unit
 
     def in_unit(self, unit: float) -> BodyModel:
         """The body with all of its lengths in a unit [m], what is attached included."""

@@ -16,8 +16,9 @@ from mmocap_warp.tracking.frame_loop import track_observations
 from mmocap_warp.tracking.live import track_live
 from mmocap_warp.tracking.track_config import TrackConfig
 
-PERSON = 1.8  # extent of a body that keeps its metres, and that larger bodies are measured by [m]
+PERSON = 1.8  # extent of a body that keeps its metres, and that others are measured by [m]
 FACTOR = 20.0
+BEETLE = 0.01
 FRAMES = 12
 _UNIT = synthetic_subject().body.extent / PERSON
 SUBJECT, CAMERAS = synthetic_subject().in_unit(_UNIT), RIG.in_unit(_UNIT)
@@ -37,20 +38,23 @@ def test_lengths_alone_change_with_the_unit():
     assert large.provenance == {"body.height": 34.0, "shape.bone.LKnee": 2.0, "fit.cost": 0.2}
 
 
-def test_a_body_twenty_times_as_large_is_tracked_to_the_same_poses():
+@pytest.mark.parametrize("factor", [FACTOR, BEETLE], ids=["giant", "beetle"])
+def test_a_body_of_another_size_is_tracked_to_the_same_poses(factor):
+    """The beetle's cameras are nearer to it than anything may be to a person's."""
     seen = motion("cpu")[1][:FRAMES]
     config = TrackConfig("search-contour", device="cpu", threads=1, smooth=2.0)
-    small = track_observations(SUBJECT, CAMERAS, seen, FPS, config)
-    large = track_observations(LARGE, FAR, seen, FPS, replace(config, smooth=2.0 * FACTOR))
-    assert large.subject is LARGE
-    assert large.cameras is FAR
-    assert large.config["smooth"] == pytest.approx(2.0 * FACTOR)
-    assert large.config["translation_radius"] == pytest.approx(FACTOR * small.config["translation_radius"])
-    back = large.in_unit(FACTOR)
-    np.testing.assert_array_equal(large.status, small.status)
+    person = track_observations(SUBJECT, CAMERAS, seen, FPS, config)
+    subject, rig = SUBJECT.in_unit(1 / factor), CAMERAS.in_unit(1 / factor)
+    other = track_observations(subject, rig, seen, FPS, replace(config, smooth=2.0 * factor))
+    assert other.subject is subject
+    assert other.cameras is rig
+    assert other.config["smooth"] == pytest.approx(2.0 * factor)
+    assert other.config["translation_radius"] == pytest.approx(factor * person.config["translation_radius"])
+    back = other.in_unit(factor)
+    np.testing.assert_array_equal(other.status, person.status)
     for name in ("pose", "raw_pose", "iou"):
-        np.testing.assert_allclose(getattr(back, name), getattr(small, name), atol=SAME, err_msg=name)
-    np.testing.assert_allclose(back.joint_sigma, small.joint_sigma, rtol=0.01)
+        np.testing.assert_allclose(getattr(back, name), getattr(person, name), atol=SAME, err_msg=name)
+    np.testing.assert_allclose(back.joint_sigma, person.joint_sigma, rtol=0.01)
 
 
 def test_a_large_body_is_followed_live():

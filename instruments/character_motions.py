@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from least_jerk import minimum_jerk, through_poses
 
 from mmocap_warp.body.model import BodyModel, BodyMotion
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body, write_body
-from mmocap_warp.synthesis.motion.key_poses import minimum_jerk, through_poses
 
 _HAND_FPS = 30.0
 

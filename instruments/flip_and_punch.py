@@ -10,11 +10,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from least_jerk import through_poses
+
 from mmocap_warp.body.model import BodyMotion
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.synthesis.any_body import recorded, write_recorded
-from mmocap_warp.synthesis.motion.key_poses import through_poses
 
 Angles = dict[str, float]
 

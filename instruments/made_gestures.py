@@ -1,8 +1,8 @@
 """Hand signals of a person who stands still: waving, beckoning, halting, pointing.
 
 Hands go from sign to sign along paths of least jerk in about 0.7 s, as free reaches of half a metre do (see
-``key_poses.py``); a hand waves two to three times a second. The rest of the body is as near to still as people are when
-they stand: the centre of mass wanders by about 5 mm (Winter, *Human balance and posture control during standing and
+``least_jerk.py``); a hand waves two to three times a second. The rest of the body is as still as people are when they
+stand: the centre of mass wanders by about 5 mm (Winter, *Human balance and posture control during standing and
 walking*, Gait & Posture 3, 1995), weight moves from foot to foot now and then, and both feet stay where they are.
 """
 
@@ -11,11 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from least_jerk import minimum_jerk
 from standing_posture import Foot, StandingPosture, Track, sway
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.synthesis.motion.key_poses import minimum_jerk
 from mmocap_warp.synthesis.motion.limb_motion import SIGN, rest_place
 
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from gait_curves import CADENCE
+from least_jerk import minimum_jerk
 from made_walks import Walk
 from standing_posture import StandingPosture, sway
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, turn, zyx_angles, zyx_rotation
-from mmocap_warp.synthesis.motion.key_poses import minimum_jerk
 from mmocap_warp.synthesis.motion.limb_motion import SIGN
 
 

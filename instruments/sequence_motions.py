@@ -16,7 +16,7 @@ from made_spins import SPINS, spinning
 from made_walks import Walk, walking_around
 
 from mmocap_warp.study.sequences import CLIP_PLANS, FPS, Motion
-from mmocap_warp.synthesis.motion.key_poses import MOTIONS, PASSER_BY_RATE, pack_poses
+from mmocap_warp.synthesis.motion.stored_poses import MOTIONS, PASSER_BY_RATE, pack_poses
 from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS
 
 

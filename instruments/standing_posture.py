@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from least_jerk import minimum_jerk
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, turn
 from mmocap_warp.synthesis.exact_posing import led_by
-from mmocap_warp.synthesis.motion.key_poses import minimum_jerk
 from mmocap_warp.synthesis.motion.limb_motion import Leg, Posture
 
 _FULL_REACH = 0.985  # longest reach as a share of the arm's length: elbows stay bent by 20 degrees

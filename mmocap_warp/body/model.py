@@ -109,7 +109,7 @@ class BodyModel:
 
     @property
     def unit(self) -> float:
-        """The unit of length in which it is searched for [m]: that in which a giant or a beetle is as large as we are."""
+        """The unit of length in which it is searched for [m]: that in which giants and beetles are as large as we."""
         return 1.0 if _IN_METRES[0] <= self.extent <= _IN_METRES[1] else self.extent / _USUAL_PERSON
 
     @property

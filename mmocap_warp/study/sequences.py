@@ -24,8 +24,8 @@ from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
 from mmocap_warp.synthesis.footage.segmentation import Contrast, SegmentedMasks
-from mmocap_warp.synthesis.motion.key_poses import stored_poses
 from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
+from mmocap_warp.synthesis.motion.stored_poses import stored_poses
 from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS, Person, fitted_start
 
 FPS = 60.0

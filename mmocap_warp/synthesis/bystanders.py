@@ -8,7 +8,7 @@ from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines
-from mmocap_warp.synthesis.motion.key_poses import PASSER_BY_RATE, stored_poses
+from mmocap_warp.synthesis.motion.stored_poses import PASSER_BY_RATE, stored_poses
 from mmocap_warp.synthesis.walkers import PEOPLE
 
 _NEAREST = 0.3  # a camera does not see what is nearer to its plane [m]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from character_motions import MOTIONS
+from least_jerk import through_poses
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.formats.usd.usd_body import read_motions
 from mmocap_warp.rigging.shipped import body_file, load_body
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-from mmocap_warp.synthesis.motion.key_poses import through_poses
 
 MOST_SLIDE = 1e-3  # [m] between two frames, of a foot that stands
 STANDS = 0.005  # as low as that over the floor [m]

@@ -70,7 +70,7 @@ COUNTED = [
     ("kernels/block.cu", KINDS),
     ("tracking/tracker.py", KINDS),
     ("study/metrics.py", KINDS),
-    ("synthesis/motion/key_poses.py", KINDS),
+    ("synthesis/motion/stored_poses.py", KINDS),
     ("synthesis/walkers.toml", KINDS),
     ("contour/frame/fitter.py", ("contours", "both")),
     ("kernels/contour/descent.py", ("contours", "both")),

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from least_jerk import minimum_jerk
 from person_skeleton import JOINTS
 from sequence_motions import ACTIONS, made_motion
 from standing_posture import Track
@@ -30,15 +31,14 @@ from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 from mmocap_warp.synthesis.footage.faults import draw_silhouettes
 from mmocap_warp.synthesis.footage.outlines import Surface, fill
 from mmocap_warp.synthesis.footage.segmentation import Contrast, segment
-from mmocap_warp.synthesis.motion.key_poses import (
+from mmocap_warp.synthesis.motion.limb_motion import Leg
+from mmocap_warp.synthesis.motion.stored_poses import (
     MOTIONS,
     MOTIONS_SHA256,
-    minimum_jerk,
     pack_poses,
     stored_poses,
     unpack_poses,
 )
-from mmocap_warp.synthesis.motion.limb_motion import Leg
 
 MOST_SLIDE = 2e-3  # [m/s], mean over a sequence, of the foot that stands
 FLOOR = 2e-3  # [m]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from least_jerk import through_poses
 from made_up_rigs import ROBOT
 
 from mmocap_warp import cli
@@ -16,7 +17,6 @@ from mmocap_warp.formats.rigged.urdf import read_urdf
 from mmocap_warp.formats.usd.usd_body import read_subject, write_body
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.rigging.importing.imported import imported
-from mmocap_warp.synthesis.motion.key_poses import through_poses
 
 FRAMES, CAMERAS = 12, 4
 HOIST = "hoist.Tx"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from least_jerk import through_poses
 from made_up_rigs import ROBOT
 
 from mmocap_warp import cli
@@ -18,7 +19,6 @@ from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
 from mmocap_warp.rigging.importing.imported import Imported, imported
 from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_joints_file
 from mmocap_warp.rigging.start_poses import learnt, read_pose
-from mmocap_warp.synthesis.motion.key_poses import through_poses
 from mmocap_warp.tracking.limb_pairs import limbs, mirrored
 
 GRIPPER = """\

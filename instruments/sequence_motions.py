@@ -16,7 +16,7 @@ from made_spins import SPINS, spinning
 from made_walks import Walk, walking_around
 
 from mmocap_warp.study.sequences import CLIP_PLANS, FPS, Motion
-from mmocap_warp.synthesis.motion.stored_poses import MOTIONS, PASSER_BY_RATE, pack_poses
+from mmocap_warp.synthesis.motion.stored_poses import MOTIONS, PASSER_BY_RATE, predicted_bits
 from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS
 
 
@@ -48,6 +48,17 @@ def made_motion(name: str) -> np.ndarray:
         return Walk(PEOPLE["S3"].true_body(), radius=_STRAIGHT).poses(phase)
     plan = CLIP_PLANS[name]
     return ACTIONS[name]((PEOPLE | STRANGERS)[plan.person].true_body(), plan.frames, plan.seed)
+
+
+def pack_poses(poses: np.ndarray) -> np.ndarray:
+    """Pack pose vectors (frame, coordinate) without loss, as (byte 8, coordinate, frame), which compress better.
+
+    A frame is predicted from those before it. What is kept is how far the bits of the double are from the prediction's,
+    as an integer whose lowest bit is the sign: its high bytes are mostly zero.
+    """
+    bits = np.array([pose.view(np.int64) - predicted_bits(poses[:frame]) for frame, pose in enumerate(poses)])
+    unsigned = (bits << 1) ^ (bits >> 63)
+    return np.ascontiguousarray(unsigned[..., None].view(np.uint8).T)
 
 
 if __name__ == "__main__":

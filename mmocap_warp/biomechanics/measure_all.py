@@ -107,11 +107,7 @@ class Measures:
 
 
 def measure(
-    result: Result,
-    run: int | None = None,
-    raw: bool = False,
-    sex: Sex | None = None,
-    joint_set: JointSet | None = None,
+    result: Result, run: int | None = None, raw: bool = False, sex: Sex | None = None, joint_set: JointSet | None = None
 ) -> Measures:
     """Joint angles, contacts, steps and centre of mass of every frame, of all runs unless one is named.
 

@@ -12,17 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.jobs.engine import (
-    LESS_MEMORY,
-    Death,
-    Engine,
-    EngineLost,
-    MakeWorker,
-    Notice,
-    Ready,
-    Seat,
-    one_line,
-)  # fmt: skip
+from mmocap_warp.jobs import engine
 
 _PROBE = 2.0  # how long the cluster's head may take to answer [s]
 _SECONDS_BETWEEN_PROBES = 5.0  # while no worker answers
@@ -102,7 +92,7 @@ def share_cluster(workers: int | None, gpus: float) -> Shares:
 class _Actor:
     """A worker on some machine of the cluster."""
 
-    def __init__(self, make: MakeWorker, shares: Shares) -> None:
+    def __init__(self, make: engine.MakeWorker, shares: Shares) -> None:
         device = "cuda:0" if shares.gpus else "cpu"  # Ray shows a worker no GPU but its own
         self._worker = make(device, shares.cpus)
 
@@ -118,10 +108,10 @@ class _Actor:
         yield from self._worker.work(job)
 
 
-class RayEngine(Engine):
+class RayEngine(engine.Engine):
     """Workers on a Ray cluster that this process has joined: how many, and what each gets, say its ``shares``."""
 
-    def __init__(self, make: MakeWorker, head: str, shares: Shares) -> None:
+    def __init__(self, make: engine.MakeWorker, head: str, shares: Shares) -> None:
         import ray
 
         self._make, self._head, self._shares = make, head, shares
@@ -140,7 +130,7 @@ class RayEngine(Engine):
         import ray
 
         if not self._seats:
-            raise EngineLost("every worker of the Ray cluster died while starting")
+            raise engine.EngineLost("every worker of the Ray cluster died while starting")
         asked = {seat.line: worker for worker, seat in self._seats.items() if seat.line is not None}
         answered, _ = ray.wait(list(asked), num_returns=1, timeout=seconds) if asked else ([], [])
         if answered:
@@ -160,12 +150,12 @@ class RayEngine(Engine):
         self._seats = {}
         ray.shutdown()
 
-    def _start(self, place: None) -> Seat:
+    def _start(self, place: None) -> engine.Seat:
         """Ask the cluster for a worker, on whatever machine has room."""
         actor = self._actor.remote(self._make, self._shares)
-        return Seat(place, actor, actor.name.remote())
+        return engine.Seat(place, actor, actor.name.remote())
 
-    def _end(self, seat: Seat) -> None:
+    def _end(self, seat: engine.Seat) -> None:
         import ray
 
         with suppress(ray.exceptions.RayError):
@@ -181,7 +171,7 @@ class RayEngine(Engine):
                 return ray.get(next(seat.line))
             name = ray.get(seat.line)
             seat.ready, seat.line = True, None
-            return Ready(name)
+            return engine.Ready(name)
         except StopIteration:
             seat.line = None
             return None
@@ -195,10 +185,10 @@ class RayEngine(Engine):
         try:
             _knock(self._head)
         except OSError:
-            raise EngineLost(f"the Ray cluster at {self._head} has vanished") from None
+            raise engine.EngineLost(f"the Ray cluster at {self._head} has vanished") from None
         self._heard = time.monotonic()
 
-    def _check_machines(self) -> list[Notice]:
+    def _check_machines(self) -> list[engine.Notice]:
         """Ray waits for ever for a machine that a worker fits on; nobody may be left to start one."""
         import ray
 
@@ -210,10 +200,10 @@ class RayEngine(Engine):
         elif self._deserted is None:
             self._deserted = now
             problem = f"the Ray cluster at {self._head} has no machine left that a worker fits on"
-            return [Notice(f"{problem}; waiting {_PATIENCE:.0f} s for one")]
+            return [engine.Notice(f"{problem}; waiting {_PATIENCE:.0f} s for one")]
         elif now - self._deserted > _PATIENCE:
             problem = f"the Ray cluster at {self._head} has had no machine that a worker fits on for {_PATIENCE:.0f} s"
-            raise EngineLost(problem)
+            raise engine.EngineLost(problem)
         return []
 
 
@@ -225,11 +215,11 @@ def _knock(address: str) -> None:
     socket.create_connection((host.strip("[]"), int(port)), _PROBE).close()
 
 
-def _how_it_ended(error: Exception) -> Death:
+def _how_it_ended(error: Exception) -> engine.Death:
     """The worker's own error, or what Ray says first; pages about where and why it may have happened follow."""
     import ray
 
     if isinstance(error, ray.exceptions.RayTaskError):
-        return Death(one_line(error.cause))
+        return engine.Death(engine.one_line(error.cause))
     text = re.split(r"\.? (?:class_name|actor_id|The task may)|\. ", " ".join(str(error).split()), maxsplit=1)[0]
-    return Death(text, LESS_MEMORY if isinstance(error, ray.exceptions.OutOfMemoryError) else "")
+    return engine.Death(text, engine.LESS_MEMORY if isinstance(error, ray.exceptions.OutOfMemoryError) else "")

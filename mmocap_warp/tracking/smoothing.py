@@ -13,21 +13,11 @@ import numpy as np
 
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.contour import ACCELERATION
+from mmocap_warp.contour.clip import uncertainty
 from mmocap_warp.contour.clip.backward_pass import AHEAD, STARTS, BackwardPass
 from mmocap_warp.contour.clip.clip_problem import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
 from mmocap_warp.contour.clip.device_band import DeviceBand
 from mmocap_warp.contour.clip.motion_points import MotionPoints
-from mmocap_warp.contour.clip.uncertainty import (
-    USUAL_MISFIT,
-    BodyDeviations,
-    Deviations,
-    Uncertainty,
-    body_changes,
-    combine,
-    departure,
-    misfit,
-    stretched,
-)
 from mmocap_warp.contour.frame.fitter import WIDE
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
@@ -155,7 +145,7 @@ class _MaskWindow:
         # One fitter for the poses of all frames held, one for the body too, one for limbs that are far from the masks.
         candidates = max(STARTS, min(CANDIDATES, self._places))
         self._fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
-        self.body_changes = body_changes(subject.body)
+        self.body_changes = uncertainty.body_changes(subject.body)
         self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(self.body_changes.sigma))
         self._body_fitter.set_change(self.body_changes.vertex, self.body_changes.joint)
         # A GPU solves the clip's steps as well; all runs share it.
@@ -282,21 +272,21 @@ class _RunSmoother:
         self.windows = problem.windows(self._course, coarse_then_fine(acceleration), self._shows, self._take)
 
         # How sure the poses are: noise from frame to frame, and a body that is not quite the right one.
-        far = departure(subject.provenance)
+        far = uncertainty.departure(subject.provenance)
         self._factors = deviation_factors(subject.body, far)
-        axes = stretched(self._factors.joint) if self._factors else None
-        self._noise = Deviations(problem, acceleration, axes)
-        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes, axes, far)
+        axes = uncertainty.stretched(self._factors.joint) if self._factors else None
+        self._noise = uncertainty.Deviations(problem, acceleration, axes)
+        self._body = uncertainty.BodyDeviations(problem, masks.linearise_body, masks.body_changes, axes, far)
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
-        self._usual_misfit = USUAL_MISFIT * subject.body.relative_size
+        self._usual_misfit = uncertainty.USUAL_MISFIT * subject.body.relative_size
 
         self._looks: dict[int, np.ndarray] = {}
         self._look_interval = look_interval(raw.rate, final=True)
 
         self._finished = 0
         self.pose = np.zeros_like(track)
-        self.sigma = Uncertainty(np.zeros_like(track), np.zeros((len(track), len(skeleton.joints), 3)))
+        self.sigma = uncertainty.Uncertainty(np.zeros_like(track), np.zeros((len(track), len(skeleton.joints), 3)))
 
     def _take(self, end: int) -> None:
         """Read the masks of frames up to one, and take in what was tracked, in the next frame too."""
@@ -318,8 +308,10 @@ class _RunSmoother:
         if self._mending:  # what holds frames is no contour
             shown = self._finished + np.arange(len(window.rooted))
             contour = self._masks.linearise(shown, window.rooted, self._tracked[shown], self._neighbours(shown))
-        error = misfit(contour, self._rooting.searched, self._usual_misfit)
-        sigma = combine(self._noise.of(window), self._body.of(window), error, self._widest, self._usual_misfit)
+        error = uncertainty.misfit(contour, self._rooting.searched, self._usual_misfit)
+        sigma = uncertainty.combine(
+            self._noise.of(window), self._body.of(window), error, self._widest, self._usual_misfit
+        )
         if self._factors:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
             sigma.pose[:, :TRANSLATION] = sigma.joint[:, 0]  # the root's place

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from least_jerk import minimum_jerk
 from person_skeleton import JOINTS
-from sequence_motions import ACTIONS, made_motion
+from sequence_motions import ACTIONS, made_motion, pack_poses
 from standing_posture import Track
 
 from mmocap_warp.body.posing import Poser
@@ -35,7 +35,6 @@ from mmocap_warp.synthesis.motion.limb_motion import Leg
 from mmocap_warp.synthesis.motion.stored_poses import (
     MOTIONS,
     MOTIONS_SHA256,
-    pack_poses,
     stored_poses,
     unpack_poses,
 )

@@ -50,19 +50,10 @@ def make_outline(view: tuple[int, int], mesh: SkinMesh, edges: int, device: str)
     size = contour_room(edges)
     room = _BANDS_OF_AN_EDGE * size
     return allocated(
-        Outline,
-        device,
-        size=size,
-        late=view,
-        image=(*view, len(mesh.rest)),
-        facing=(*view, len(mesh.face)),
-        found=(*view, edges),
-        count=view,
-        ends=(*view, size),
-        room=room,
-        line=view[0] * view[1] * 4 * room,
+        Outline, device, size=size, late=view, image=(*view, len(mesh.rest)), facing=(*view, len(mesh.face)),
+        found=(*view, edges), count=view, ends=(*view, size), room=room, line=view[0] * view[1] * 4 * room,
         band=(*view, BANDS + 1),
-    )
+    )  # fmt: skip
 
 
 def make_descent(
@@ -75,17 +66,7 @@ def make_descent(
     """
     candidates, poses = view[0], (view[0], len(limits))
     return allocated(
-        Descent,
-        device,
-        index=index,
-        gradient=width - 1,
-        pull=np.where(is_length, 0.05, 0.10) ** -2.0,
-        limits=limits[index],
-        start=poses,
-        pose=poses,
-        best=poses,
-        cost=candidates,
-        tally=view,
-        damping=candidates,
+        Descent, device, index=index, gradient=width - 1, pull=np.where(is_length, 0.05, 0.10) ** -2.0,
+        limits=limits[index], start=poses, pose=poses, best=poses, cost=candidates, tally=view, damping=candidates,
         triangle=(candidates, triangle_words(width)),
-    )
+    )  # fmt: skip

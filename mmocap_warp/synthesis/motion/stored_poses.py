@@ -8,7 +8,7 @@ from mmocap_warp.scenes import ROOT
 
 MOTIONS = ROOT / "sequences" / "motions.npz"
 """Pose vectors of the shipped sequences by name, in body axes about the origin of the floor, and of the passer-by,
-:data:`PASSER_BY_RATE` a second, as :func:`pack_poses` packs them."""
+:data:`PASSER_BY_RATE` a second, as ``instruments/sequence_motions.py`` packs them."""
 MOTIONS_SHA256 = "7fc8dadd67c42a7d5064beb61c065c536b385209231b63d46fe8de0992f33564"
 """Of that file: it makes the content of the motions part of the code's hash, by which results are told apart."""
 
@@ -25,28 +25,17 @@ def stored_poses(name: str) -> np.ndarray:
 _PREDICTED_FROM = 8  # frames before a frame: of 5 to 11, those whose file is smallest within two percent
 
 
-def pack_poses(poses: np.ndarray) -> np.ndarray:
-    """Pack pose vectors (frame, coordinate) without loss, as (byte 8, coordinate, frame), which compress better.
-
-    A frame is predicted from those before it. What is kept is how far the bits of the double are from the prediction's,
-    as an integer whose lowest bit is the sign: its high bytes are mostly zero.
-    """
-    bits = np.array([pose.view(np.int64) - _predicted(poses[:frame]) for frame, pose in enumerate(poses)])
-    unsigned = (bits << 1) ^ (bits >> 63)
-    return np.ascontiguousarray(unsigned[..., None].view(np.uint8).T)
-
-
 def unpack_poses(packed: np.ndarray) -> np.ndarray:
-    """(frame, coordinate) the pose vectors that :func:`pack_poses` packed."""
+    """(frame, coordinate) the pose vectors that were packed."""
     unsigned = np.ascontiguousarray(packed.T).view(np.uint64)[..., 0]
     bits = (unsigned >> 1).view(np.int64) ^ -(unsigned & 1).view(np.int64)
     poses = np.zeros(bits.shape)
     for frame, pose in enumerate(poses):
-        pose[:] = (bits[frame] + _predicted(poses[:frame])).view(np.float64)
+        pose[:] = (bits[frame] + predicted_bits(poses[:frame])).view(np.float64)
     return poses
 
 
-def _predicted(poses: np.ndarray) -> np.ndarray:
+def predicted_bits(poses: np.ndarray) -> np.ndarray:
     """(coordinate,) the bits of the pose after some, on the polynomial through the last of them."""
     count = min(_PREDICTED_FROM, len(poses))
     pose = np.zeros(poses.shape[1])

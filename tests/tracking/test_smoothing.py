@@ -98,7 +98,7 @@ def test_learnt_factors_stretch_deviations_and_the_roots_are_those_of_its_joint(
     raw, joints, coordinates = rough_track(), len(SKELETON.joints), SKELETON.coordinates
     raw.pose[0] = swinging()[0]
     factors, stated = SimpleNamespace(joint=np.ones((joints, 3)), coordinate=np.full(coordinates, 3.0)), []
-    combine = smoothing.combine
+    combine = smoothing.uncertainty.combine
 
     def combined(*given):
         sigma = combine(*given)
@@ -106,7 +106,7 @@ def test_learnt_factors_stretch_deviations_and_the_roots_are_those_of_its_joint(
         return sigma
 
     monkeypatch.setattr(smoothing, "deviation_factors", lambda *_: factors)
-    monkeypatch.setattr(smoothing, "combine", combined)
+    monkeypatch.setattr(smoothing.uncertainty, "combine", combined)
     result = smoothed(raw, CONFIG, swinging()[1])
     np.testing.assert_allclose(result.angle_sigma[0, :, :3], result.joint_sigma[0, :, 0], rtol=1e-5)
     angles = SKELETON.searched()[3:]

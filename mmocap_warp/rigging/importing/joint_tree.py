@@ -4,6 +4,7 @@ import re
 from collections.abc import Container
 from dataclasses import replace
 from itertools import pairwise
+from operator import eq
 
 import numpy as np
 
@@ -308,9 +309,9 @@ def sides_crossed(pairs: tuple[Pair, ...]) -> bool:
 def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
     """The common beginning and the common end of two names, and what is between in each."""
     one, other = (re.sub(r"[_.\-: ]*\d+$", "", joint) or joint for joint in (one, other))  # without a number at the end
-    halves = re.fullmatch(r"(.*)(.*?)(.*)\0\1(.*?)\3", f"{one}\0{other}", re.S)
-    begin, mine, end, others = halves.groups() if halves else ("", one, "", other)
-    return begin, end, mine, others
+    first = [*map(eq, one, other), False].index(False)  # where they begin to differ, and from the end
+    last = [*map(eq, one[first:][::-1], other[first:][::-1]), False].index(False)
+    return one[:first], one[len(one) - last :], one[first : len(one) - last], other[first : len(other) - last]
 
 
 def _sides(one: str, other: str) -> str:

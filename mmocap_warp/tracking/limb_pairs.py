@@ -1,4 +1,4 @@
-"""A skeleton's limbs: the parts on which no other hangs; and poses with left and right exchanged."""
+"""A skeleton's limbs: the parts on which no other that is searched hangs; and poses with left and right exchanged."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -27,13 +27,13 @@ class Limb:
 
 
 def limbs(skeleton: Skeleton) -> list[Limb]:
-    """The limbs in the order of the skeleton's parts; the root's part is none."""
-    found = []
-    for name, index in skeleton.searched_by_part().items():
+    """The limbs in the order of the skeleton's parts; the root's part is none. An arm with held fingers is one."""
+    found, searched = [], skeleton.searched_by_part()
+    moved = np.isin(skeleton.part, [skeleton.parts.index(name) for name in searched]) & ~skeleton.is_attached
+    for name, index in searched.items():
         number = skeleton.parts.index(name)
-        joints = [joint for joint, part in enumerate(skeleton.part) if part == number]
-        hanging = [child for child, above in enumerate(skeleton.parent) if above in joints]
-        if 0 in joints or any(child not in joints and not skeleton.is_attached[child] for child in hanging):
+        joints = np.flatnonzero(np.array(skeleton.part) == number).tolist()
+        if (skeleton.below[joints] & moved & (np.array(skeleton.part) != number)).any() or 0 in joints:
             continue
         inner = [joint for joint in joints if any(skeleton.parent[child] == joint for child in joints)] or joints
         reach = index[np.isin((index - TRANSLATION) // 3, inner)]

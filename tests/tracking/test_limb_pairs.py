@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.rigging.shipped import load_body
-from mmocap_warp.tracking.limb_pairs import limb_pairs, places_exchanged
+from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs, places_exchanged
 
 BODY = load_body("adult_man")
 SKELETON = BODY.skeleton
@@ -64,3 +66,15 @@ def test_many_frames_are_as_each_alone():
     for frame in range(2):
         alone = places_exchanged(there[frame : frame + 1], ARMS, POINTS, ROOTING)
         np.testing.assert_allclose(both.pose[frame], alone.pose[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("searched", "limb"), [(False, "left arm"), (True, "left hand")])
+def test_an_arm_whose_hand_is_held_is_a_limb(searched, limb):
+    """Fingers that an import holds are parts of their own: the arm that carries them is drawn anew all the same."""
+    hand = SKELETON.index("LWrist")
+    part = tuple(len(SKELETON.parts) if joint == hand else own for joint, own in enumerate(SKELETON.part))
+    free = SKELETON.searched()[(SKELETON.searched() - 3) // 3 != hand]
+    free = np.union1d(free, np.arange(3 * hand + 3, 3 * hand + 6)).astype(np.int32) if searched else free
+    skeleton = replace(SKELETON, parts=(*SKELETON.parts, "left hand"), part=part, models={len(free): free})
+    names = {each.name for each in limbs(SKELETON)}
+    assert {each.name for each in limbs(skeleton)} == names - {"left arm"} | {limb}

@@ -4,8 +4,9 @@ import heapq
 
 import numpy as np
 
-from mmocap_warp.body.mesh_pieces import is_closed
+from mmocap_warp.body.mesh_pieces import is_closed, mesh_edges
 
+_FOLDED = -0.5  # cosine between normals of two faces that fold back on each other, at most
 _LEAST_COSINE = 0.2  # a collapse may turn a triangle's normal this far: a triangle may tilt, not fold over
 
 
@@ -69,6 +70,14 @@ def _quadrics(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
     quadric = np.zeros((len(vertex), 4, 4))
     for corner in range(3):
         np.add.at(quadric, face[:, corner], form)
+    # Faces that fold back, as at a wing's rim, lie in one plane, in which it could move: it keeps one across too.
+    start, end, one, other = mesh_edges(face).T
+    fold = (normal[one] * normal[other]).sum(axis=1) < _FOLDED
+    start, end = start[fold], end[fold]
+    across = np.cross(vertex[end] - vertex[start], normal[one[fold]])  # as long as the edge: its square is an area
+    plane = np.c_[across, -(across * vertex[start]).sum(axis=1)]
+    for rim in (start, end):
+        np.add.at(quadric, rim, plane[:, :, None] * plane[:, None, :])
     return quadric
 
 

@@ -47,3 +47,28 @@ def test_an_open_mesh_is_refused(sphere: trimesh.Trimesh) -> None:
 def test_there_is_a_coarsest_mesh(sphere: trimesh.Trimesh) -> None:
     with pytest.raises(ValueError, match="cannot be decimated to 2 triangles"):
         decimate(sphere.vertices, sphere.faces, 2)
+
+
+def test_a_wing_keeps_its_outline():
+    """A flat sheet with two sides: the planes of its faces let its rim move freely."""
+    rim, rings = 24, 5
+    angle = np.linspace(0, 2 * np.pi, rim, endpoint=False)
+    disc = np.stack([np.cos(angle), 0.5 * np.sin(angle), 0 * angle], axis=1)
+    sheet = np.concatenate([disc * share for share in np.linspace(1, 0, rings, endpoint=False)] + [np.zeros((1, 3))])
+    at = np.arange(rim)
+    side = []
+    for ring in range(rings - 1):
+        a, b = ring * rim + at, ring * rim + (at + 1) % rim
+        side += [np.stack([a, b, a + rim], axis=1), np.stack([b, b + rim, a + rim], axis=1)]
+    last = (rings - 1) * rim
+    side.append(np.stack([last + at, last + (at + 1) % rim, np.full(rim, rings * rim)], axis=1))
+    top = np.concatenate(side)
+    under = np.where(top < rim, top, top + len(sheet) - rim)[:, ::-1]  # the rim is common to both
+    vertex, face = np.concatenate([sheet, sheet[rim:]]), np.concatenate([top, under])
+
+    def area(corner: np.ndarray) -> float:
+        a, b, c = corner.swapaxes(0, 1)
+        return float(np.abs(np.cross(b - a, c - a)[:, 2]).sum() / 4)
+
+    kept, coarser = decimate(vertex, face, 60)
+    assert area(vertex[kept][coarser]) > 0.98 * area(vertex[face])

@@ -11,6 +11,7 @@ from mmocap_warp.body.skeleton import Pair
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, skinned
 from mmocap_warp.rigging.importing.joint_tree import all_frames, chains, name_list, skin_below, skin_of
 
+_UPRIGHT = np.cos(np.radians(10.0))  # a joint whose axis its motions tilt by more on average is no hinge
 _FLAT = 0.2  # bones lie in a plane if they leave it by less than this share of what they leave a line by
 _BENT, _BENT_ALONE = 0.05, 0.1  # a limb that leaves a line by this share of its length has a plane
 _STRAIGHT = np.radians(10.0)  # a hinge opens this far beyond a straight limb
@@ -27,9 +28,7 @@ _TRAVEL = 0.02  # a joint that slides by less is not searched, as a share of the
 class Freedom:
     """How a joint moves."""
 
-    # (3, 3), columns are its axes in the body's: a hinge turns about x, a slider slides along x; y runs along a bone
-    # else.
-    frame: np.ndarray
+    frame: np.ndarray  # (3, 3), columns are its axes in the body's: hinges and sliders have x, else y is the bone's
     free: str  # axes that are searched, such as ``xyz``, ``x`` or none
     limits: np.ndarray  # (3, 2), lowest and highest angle about each axis [rad], or shift along it [m]
     origin: str  # where this is from: ``file``, ``derived``, ``given``, or why it is proposed
@@ -53,17 +52,20 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     ends = _ends(mesh, place, skin)
     least_travel = _TRAVEL * float(np.ptp(mesh.vertex, axis=0).max())
     in_pairs = {joint for _, *sides in pairs for joint in sides}
+    # Animators' handles move no skin of their own, nor does any motion turn them: they are held.
+    turns = _turns(mesh)
+    still = (np.einsum("fjab,gjab->fgj", turns, turns[:1]) > 1 + 2 * np.cos(_STILL)).all(axis=(0, 1))
+    handles = np.flatnonzero((skin == 0) & still) if len(turns) else ()
     # What bones suggest: limbs by their chains; all other joints turn as those of a spine do.
     derived: list[Freedom] = [_ball(place[j], ends[j], _SPINE, _SPINE) for j in range(len(mesh.joints))]
-    for chain in _limbs(mesh, pairs):
+    for chain in filter(None, ([joint for joint in limb if joint not in handles] for limb in _limbs(mesh, pairs))):
         derived[chain[0]] = _ball(place[chain[0]], ends[chain[0]], _SWING, _TWIST)
         points = np.concatenate([place[chain], ends[chain[-1]][None]])
         paired = mesh.joints[chain[0]] in in_pairs  # a bend that both sides have is not there by chance
         normal = _plane_normal(points, _BENT if paired else _BENT_ALONE)
         for before, joint in itertools.pairwise(chain):
-            if normal is None:
-                derived[joint] = _ball(place[joint], ends[joint], _SWING, _TWIST)
-            else:
+            derived[joint] = _ball(place[joint], ends[joint], _SWING, _TWIST)
+            if normal is not None and (not len(turns) or normal @ turns[:, joint].mean(axis=0) @ normal > _UPRIGHT):
                 derived[joint] = _hinge(place[before], place[joint], ends[joint], normal, joint not in mesh.parent)
     # What the file says comes first, and joints without skin are held.
     freedoms = []
@@ -78,8 +80,9 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             frame = hinge_frame(how.axis, ends[joint] - place[joint])
             freedoms.append(Freedom(frame, free, limits, "file", how.slides))
         else:
-            freedoms.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
-    return _as_seen(mesh, freedoms)
+            held = Freedom(freedom.frame, "", np.zeros((3, 2)), "derived")
+            freedoms.append(held if below[joint] == 0 or joint in handles else freedom)
+    return _as_seen(turns, freedoms)
 
 
 def _limbs(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[list[int]]:
@@ -88,19 +91,23 @@ def _limbs(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[list[int]]:
     return [chain for chain in chains(mesh.parent) if not pairs or aside[chain].any()]
 
 
+def _turns(mesh: RiggedMesh) -> np.ndarray:
+    """(frame, joint, 3, 3) rotation of each joint from its bind pose in what it hangs on, in all motions."""
+    turned = all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])
+    return transposed(turned[:, list(mesh.parent)]) @ turned
+
+
 _MARGIN = np.radians(10.0)  # limits are wider than what motions show
 _FARTHEST = np.radians([180.0, 85.0, 180.0])  # that any angle may be; at 90 the middle one would lock the others
 
 
-def _as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> list[Freedom]:
+def _as_seen(turns: np.ndarray, freedom: list[Freedom]) -> list[Freedom]:
     """Freedom in which joints whose file says nothing turn as far as its motions show; a hinge stays one."""
     found = list(freedom)
-    world = all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])
     for joint, how in enumerate(freedom):
-        if joint == 0 or not how.free or how.origin != "derived" or not len(world):
+        if joint == 0 or not how.free or how.origin != "derived" or not len(turns):
             continue
-        own = how.frame.T @ transposed(world[:, mesh.parent[joint]]) @ world[:, joint] @ how.frame
-        angles = continuous_zyx_angles(own, np.tile([-np.pi, np.pi], (3, 1)))
+        angles = continuous_zyx_angles(how.frame.T @ turns[:, joint] @ how.frame, np.tile([-np.pi, np.pi], (3, 1)))
         reach = np.concatenate([angles - _MARGIN, angles + _MARGIN, how.limits.T]).clip(-_FARTHEST, _FARTHEST)
         limits = np.stack([reach.min(axis=0), reach.max(axis=0)], axis=1)
         limits[[axis not in how.free for axis in "xyz"]] = 0.0
@@ -145,9 +152,8 @@ def without_fine_joints(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[list[
         for joint in joints:
             found[joint] = replace(found[joint], free="", origin=f"held, {why}")
         if joints:
-            notes.append(
-                f"held: {name_list(mesh, joints)}, {why}; free them in a joints file (--write-joints, --joints)"
-            )
+            said = f"{name_list(mesh, joints)}, {why}; free them in a joints file (--write-joints, --joints)"
+            notes.append(f"held: {said}")
 
     def is_fine(joint: int) -> bool:
         own = mesh.vertex[((mesh.influence == joint) & (mesh.weight > 0.5)).any(axis=1)]
@@ -177,12 +183,12 @@ def propose(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom]) -
     """
     from scipy.spatial.transform import Rotation
 
-    world = all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])
+    seen = _turns(mesh)
     derived = [joint for joint, how in enumerate(freedom) if joint and how.free and how.origin == "derived"]
     in_limbs = {joint for limb in _limbs(mesh, pairs) for joint in limb[1:]}
     shown: dict[int, Freedom] = {}
-    for joint in derived if len(world) else []:
-        turns = Rotation.from_matrix(transposed(world[:, mesh.parent[joint]]) @ world[:, joint])
+    for joint in derived if len(seen) else []:
+        turns = Rotation.from_matrix(seen[:, joint])
         vector, how, limits = turns.as_rotvec(), freedom[joint], np.zeros((3, 2))
         axis = np.linalg.svd(vector)[2][0]
         axis *= np.sign((vector @ axis).max() + (vector @ axis).min()) or 1.0  # it bends to the positive side

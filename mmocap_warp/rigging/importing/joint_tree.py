@@ -13,6 +13,7 @@ from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first, re
 
 _LONGEST_CHAIN = 5  # number of joints that are searched together, at most
 _MIRRORED = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
+_BARE = 1e-3  # a root that less skin follows is none, as a share of all
 
 
 def skin_below(mesh: RiggedMesh) -> np.ndarray:
@@ -169,7 +170,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     1. Where all joints hang on none, those whose names share a beginning are chains that hang on the first joint,
        unless motions show what they move with.
     2. Branches that no skin follows are left out, but for the end of a joint that skin follows.
-    3. The root is the first joint that skin follows or on which several hang.
+    3. The root is the first joint that skin follows, by more than a few stray vertices, or on which several hang.
     4. Other joints that hang on none are hung on the root.
 
     Raises:
@@ -186,11 +187,12 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     shown = (below > 0) | np.array([parent >= 0 and own[parent] > 0 for parent in mesh.parent])
     roots = [joint for joint, parent in enumerate(mesh.parent) if parent < 0 and below[joint] > 0]
     # The root is found from the top of the largest tree, past joints without skin from which one branch goes on.
-    main = max(roots, key=lambda joint: below[joint])
-    while own[main] == 0:
+    main, influence = max(roots, key=lambda joint: below[joint]), mesh.influence
+    while own[main] < _BARE * own.sum():
         children = [joint for joint, parent in enumerate(mesh.parent) if parent == main and below[joint] > 0]
         if len(children) != 1:
             break
+        influence = np.where(influence == main, children[0], influence)
         shown[main], main = False, children[0]
     # Further trees hang on it.
     stray = [joint for joint in roots if shown[joint] and below[joint] > 0 and joint != main]
@@ -205,7 +207,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     left_out = [joint for joint in range(len(parent)) if not shown[joint]]
     if left_out:
         notes.append(f"{name_list(mesh, left_out)} move no skin: left out")
-    return reorder(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
+    return reorder(replace(mesh, parent=tuple(parent), influence=influence, notes=tuple(notes)), [main, *order])
 
 
 def name_list(mesh: RiggedMesh, joints: list[int]) -> str:

@@ -113,3 +113,39 @@ def test_left_and_right_may_begin_at_one_place(walker: RiggedMesh, made: Importe
     bind[[walker.joints.index(f"leg.{side}") for side in "LR"], 0, 3] = 0.0
     together = imported(replace(walker, bind=bind, motions={}), "creature").body.skeleton.pairs
     assert together == made.body.skeleton.pairs[:2]  # without motions the left foot hangs on the armature
+
+
+def bending(folder: Path, joint: str, axis: str) -> RiggedMesh:
+    """A creature that turns one joint about an axis; its bones lie in planes, and its left leg has no skin."""
+    mesh = read_gltf(write_creature(folder / "creature.glb"))
+    number = {name: joint for joint, name in enumerate(mesh.joints)}
+    world = np.repeat(mesh.bind[None], 21, axis=0)
+    local = np.linalg.inv(world[:, list(mesh.parent)]) @ world
+    local[:, number[joint], :3, :3] = turn(axis, np.linspace(0, 1, 21))
+    for each, above in enumerate(mesh.parent):
+        world[:, each] = local[:, each] if above < 0 else world[:, above] @ local[:, each]
+    influence = np.where(mesh.influence == number["leg.L"], number["hips"], mesh.influence)
+    return replace(mesh, influence=influence, motions={"Bend": RiggedMotion(30.0, world)})
+
+
+@pytest.mark.parametrize(
+    ("joint", "axis", "free"),
+    [
+        ("shin.R", "x", {"shin_R": "x", "leg_L": "", "shin_L": "xyz"}),  # a handle that none turns begins no limb
+        ("shin.R", "z", {"shin_R": "xyz", "leg_L": "", "shin_L": "xyz"}),  # bones say hinge, motions say otherwise
+        ("leg.L", "x", {"shin_R": "x", "leg_L": "xyz", "shin_L": "x"}),
+    ],
+)
+def test_motions_tell_hinges_and_handles(tmp_path: Path, joint: str, axis: str, free: dict[str, str]) -> None:
+    made = imported(bending(tmp_path, joint, axis), "creature")
+    found = dict(zip(made.body.skeleton.joints, made.freedom, strict=True))
+    assert {name: found[name].free for name in free} == free
+    assert any("joints within 0.0 mm" in note for note in made.notes)
+
+
+def test_a_root_that_few_vertices_follow_is_no_part_of_the_body(tmp_path: Path) -> None:
+    mesh = read_gltf(write_creature(tmp_path / "creature.glb"))
+    mesh.influence[0, 1] = mesh.joints.index("armature")
+    made = imported(mesh, "creature")
+    assert made.body.skeleton.joints[0] == "hips"
+    assert any("armature move no skin: left out" in note for note in made.notes)

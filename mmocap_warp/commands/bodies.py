@@ -115,15 +115,9 @@ def import_body(
     identifier = identifier if identifier[:1].isalpha() else f"_{identifier}"
     with input_errors(file, "{error}", "change the file, or say how joints are with --joints", ValueError):
         made = imported(
-            mesh,
-            identifier,
-            up=up,
-            facing=facing,
-            scale=scale,
-            triangles=triangles,
-            skin_triangles=skin_triangles,
-            joints=stated_joints,
-        )
+            mesh, identifier, up=up, facing=facing, scale=scale, joints=stated_joints,
+            triangles=triangles, skin_triangles=skin_triangles,
+        )  # fmt: skip
     if attribution is not None:
         made = replace(made, body=replace(made.body, attribution=attribution))
     if joint_set is not None:

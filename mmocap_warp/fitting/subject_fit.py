@@ -58,6 +58,8 @@ _HOPELESS = 2.0  # what costs so many times as much is not searched further, of 
 _FAR_BEHIND = 0.06  # what costs so much more after a round over the limbs is not searched further: it gains .02 at most
 _TURNED_COSINE = -0.2  # two bodies face apart if the cosine of the angle between them is smaller
 _SAME_PLACE = 0.1  # joints that are nearer to each other are in the same place [m]
+_NEAR, _FAR = 0.2, 0.4  # spreads of joints that begin near rest, and of a person's farthest: others begin far [rad]
+_FAR_SHARE = 3  # times as many evaluations as usual find joints that begin far
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
 _LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
@@ -95,8 +97,7 @@ def fit(
     observations = islice(scene.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step)
     try:
         subject = fit_clip(
-            body, scene.rig(scale), scene.rate / numbers.step, observations, config, progress,
-            start_poses,
+            body, scene.rig(scale), scene.rate / numbers.step, observations, config, progress, start_poses,
         )  # fmt: skip
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
@@ -287,11 +288,14 @@ def _headings(task: _Task, frame: FirstFrame) -> list[Guess]:
     """
     config, shapes, body = task.config, ShapeSpace(task.body, task.rig.up), task.body
     if task.start_poses is None and body.skeleton.stands and not body.rigid:
-        starts = [
-            standing_start(shapes, frame, scaled=scaled)
-            for scaled in ((True, False) if body.skeleton.attached else (True,))
-        ]
-        searched = [search_headings(shapes, frame, start, config.headings, config.evaluations) for start in starts]
+        sizes = (True, False) if body.skeleton.attached else (True,)
+        starts = [standing_start(shapes, frame, scaled=scaled) for scaled in sizes]
+        # Where joints may begin far from the rest pose, more is spent, and all are also searched near to it.
+        near = replace(body.skeleton, spread=np.minimum(body.skeleton.spread, _NEAR))
+        far = bool(body.skeleton.spread[~body.skeleton.is_attached].max() > _FAR)
+        spaces = [shapes, ShapeSpace(replace(body, skeleton=near), task.rig.up)][: 1 + far]
+        spent = config.headings, config.evaluations * (_FAR_SHARE if far else 1)
+        searched = [search_headings(space, frame, start, *spent) for space in spaces for start in starts]
         candidates = np.concatenate(searched)
     else:
         given = task.start_poses

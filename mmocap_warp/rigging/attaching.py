@@ -93,12 +93,9 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     whole = closed(vertex, face)
     notes = [f"{thing.mesh.name} {whole.done}"] if whole.done else []
     vertex, face = np.concatenate([vertex, whole.added]), whole.face
-    if len(face) > _TRIANGLES:
-        tracking_vertex, tracking_face = decimate(vertex, face, _TRIANGLES)
+    tracking_vertex, tracking_face = decimate(vertex, face, _TRIANGLES)
+    if len(face) > len(tracking_face):
         notes.append(f"tracking mesh: {len(face)} triangles made {len(tracking_face)}")
-    else:
-        tracking_vertex, flat = np.unique(face, return_inverse=True)
-        tracking_face = flat.reshape(-1, 3)
     return _Surface(vertex, face, tracking_vertex, tracking_face), notes
 
 
@@ -154,9 +151,7 @@ def _skeleton(skeleton: Skeleton, thing: Attachment, carrier: int, frame: np.nda
         frame=np.concatenate([skeleton.frame, np.tile(frame.astype(np.float32), (len(joints), 1, 1))]),
         limits=np.concatenate([skeleton.limits, unlimited]),
         spread=np.concatenate([skeleton.spread, spread]),
-        models={
-            number: np.concatenate([index, np.array(searched, np.int32)]) for number, index in skeleton.models.items()
-        },
+        models={number: np.append(index, searched).astype(np.int32) for number, index in skeleton.models.items()},
         parts=(*skeleton.parts, thing.name),
         part=(*skeleton.part, *(part for _ in joints)),
         sliding=(*skeleton.sliding, *slides),

@@ -25,19 +25,16 @@ def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
         InputError: a file that cannot be read, or no motion of that name.
     """
     skeleton, motions = read_body(body_file).skeleton, read_motions(body_file)
-    poses = []
-    for name in named:
-        if name.endswith(".toml"):
-            poses.append(read_pose(name, skeleton)[None])
-        else:
-            poses.append(frames_of(motion_named(name, motions, body_file)))
+    poses = [
+        read_pose(name, skeleton)[None] if name.endswith(".toml") else frames_of(motion_named(name, motions, body_file))
+        for name in named
+    ]
     return np.concatenate(poses)
 
 
 def frames_of(motion: BodyMotion) -> np.ndarray:
     """(pose, coordinate) some of a motion's frames, evenly spread."""
-    last = len(motion.pose) - 1
-    return motion.pose[np.unique(np.linspace(0, last, _FRAMES).round().astype(int))]
+    return motion.pose[np.unique(np.linspace(0, len(motion.pose) - 1, _FRAMES).round().astype(int))]
 
 
 def read_pose(path: str | Path, skeleton: Skeleton) -> np.ndarray:

@@ -296,6 +296,21 @@ def test_who_carries_something_is_begun_from_the_hulls_size_and_from_its_own(wal
     assert begun[0] < -0.01
 
 
+def test_who_may_begin_far_from_rest_is_also_searched_near_to_it(walk, man, monkeypatch):
+    asked = []
+
+    def search(space, frame, start, headings, evaluations):
+        asked.append((float(space.body.skeleton.spread.max()), evaluations / QUICK.evaluations))
+        return start[None].astype(np.float32)
+
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.search_headings", search)
+    frame = FirstFrame(walk.rig(0.25), next(iter(walk.observations(0.25, count=1))))
+    far = replace(man, skeleton=replace(man.skeleton, spread=2 * man.skeleton.spread))
+    for body in (man, far):
+        _headings(_Task(body, frame.rig, QUICK, lambda *_: None), frame)
+    assert asked == [(0.4, 1), (0.8, 3), (0.2, 3)]
+
+
 @pytest.mark.parametrize(("poses", "near_rest"), [(None, True), ("given", False)])
 def test_poses_that_are_given_are_not_pulled_to_the_rest_pose(man, monkeypatch, poses, near_rest):
     """A rigid body is begun from several ways to lie, which have no rest to be pulled to where they are given."""

@@ -13,6 +13,7 @@ from mmocap_warp.rigging.importing import closing, joint_tree
 from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of, held_as_seen, propose, without_fine_joints
 from mmocap_warp.rigging.importing.joints_file import GivenJoints, with_given
 from mmocap_warp.rigging.importing.proof import SAME_OUTLINE, Outline, strays, worst_outline
+from mmocap_warp.rigging.start_poses import learnt
 
 TRIANGLES = 2600
 """Of a tracking mesh, by default; as many as a shipped person's has."""
@@ -98,24 +99,22 @@ def imported(
     if joint_tree.sides_crossed(pairs):
         notes.append("names say left of what lies to the right: the body may face the other way (--facing)")
     body = BodyModel(
-        name=name,
-        skeleton=_skeleton(mesh, pairs, freedom, given.stands),
-        joint_rest=place.astype(np.float32),
-        skin=skin,
-        tracking_vertex=tracking_vertex,
-        tracking_face=tracking_face,
-        shape_names=(),
-        shape_vertex=np.zeros((0, len(skin.rest), 3), np.float32),
+        name=name, skeleton=_skeleton(mesh, pairs, freedom, given.stands), joint_rest=place.astype(np.float32),
+        skin=skin, tracking_vertex=tracking_vertex, tracking_face=tracking_face,
+        shape_names=(), shape_vertex=np.zeros((0, len(skin.rest), 3), np.float32),
         shape_joint=np.zeros((0, len(place), 3), np.float32),
-        marker_names=(),
-        marker_vertex=np.zeros(0, np.int32),
+        marker_names=(), marker_vertex=np.zeros(0, np.int32),
         attribution=mesh.attribution or "The file that it was imported from states no makers and no licence.",
         rigid=mesh.rigid if given.rigid is None else given.rigid,
-    )
-    # The file's animations as poses of that body.
+    )  # fmt: skip
+    # The file's animations as poses of that body. A body that stands begins as far from its bind pose as they go.
     motions, apart = {}, {}
     for label, motion in mesh.motions.items():
         motions[label], apart[label] = body_motion(body, mesh.bind, motion)
+    if motions and body.skeleton.stands and not body.rigid:
+        seen = learnt(body.skeleton, np.concatenate([motion.pose for motion in motions.values()]), 0.0)
+        spread = np.clip(seen.spread, body.skeleton.spread, _WIDEST_SPREAD)
+        body = replace(body, skeleton=replace(body.skeleton, spread=spread))
     motion_notes, fault = strays(body, mesh, apart)
     outline = worst_outline(body, mesh, motions)
     notes += motion_notes
@@ -164,18 +163,12 @@ def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom],
     if not len(searched):
         raise ValueError("no joint can move; free one in a joints file")
     return Skeleton(
-        joints=mesh.joints,
-        parent=mesh.parent,
+        joints=mesh.joints, parent=mesh.parent, pairs=pairs, sliding=sliding, stands=stands,
         frame=np.stack([how.frame for how in freedom]).astype(np.float32),
         limits=np.stack([how.limits for how in freedom]).astype(np.float32),
         spread=np.array([_SPREAD, *(_spread(how, near_bind) for how in freedom[1:])]),
-        models={len(searched): searched},
-        parts=parts,
-        part=part,
-        pairs=pairs,
-        sliding=sliding,
-        stands=stands,
-    )
+        models={len(searched): searched}, parts=parts, part=part,
+    )  # fmt: skip
 
 
 def _spread(freedom: Freedom, near_bind: bool) -> float:

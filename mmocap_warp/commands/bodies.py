@@ -18,6 +18,7 @@ from mmocap_warp.errors import InputError, UsageError, input_errors
 from mmocap_warp.formats.exports.glb import write_body_glb
 from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.rigged.gltf import read_gltf
+from mmocap_warp.formats.rigged.mjcf import read_mjcf
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 from mmocap_warp.formats.rigged.urdf import read_urdf
 from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
@@ -71,13 +72,13 @@ def import_body(
     attribution: str | None = None,
     force: bool = False,
 ) -> Imported:
-    """Write a body of a rigged character (.glb, .gltf, .vrm, .usd, .usda, .usdc, .usdz) or a robot (.urdf).
+    """Write a body of a rigged character (.glb, .gltf, .vrm, .usd, .usda, .usdc, .usdz) or a robot (.urdf, .xml).
 
     Args:
         file: the character or robot.
         output: the body's file: .usdc, .usda or .usd.
         up: the file's axis that points up, such as +z. [default: what its format says]
-        facing: the file's axis along which the body faces. [default: +z of glTF, +x of URDF, +z or -y of USD]
+        facing: the file's axis along which the body faces. [default: +z of glTF, +x of robots, +z or -y of USD]
         scale: what lengths are multiplied by, besides the unit that the file states.
         triangles: at most, of the mesh that is tracked.
         skin_triangles: at most, of the mesh that is shown.
@@ -145,6 +146,7 @@ def _read_rigged(file: Path, meshes: Path | None, character: str | None) -> Rigg
     readers: dict[str, Callable[[Path], RiggedMesh]] = {
         **dict.fromkeys((".glb", ".gltf", ".vrm"), lambda file: read_gltf(file, character)),
         ".urdf": lambda file: read_urdf(file, meshes),
+        ".xml": lambda file: read_mjcf(file, meshes, character),
         **dict.fromkeys((*USD_SUFFIXES, ".usdz"), lambda file: read_usd_skel(file, character)),
     }
     if not file.is_file():

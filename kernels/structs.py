@@ -1,7 +1,11 @@
 """Filling the structs that launchers take: once, where their arrays are allocated, never for a launch."""
 
+import math
+import mmap
+import sys
 from typing import Any, TypeVar
 
+import numpy as np
 import warp as wp
 
 Struct = TypeVar("Struct")
@@ -31,6 +35,18 @@ def allocated(kind: type, device: wp.DeviceLike, **fields: Any) -> Any:
     for name, value in fields.items():
         field: Any = getattr(known.get(name), "type", None)
         if wp.types.is_array(field) and not wp.types.is_array(value):
-            make = wp.zeros if isinstance(value, int | tuple) else wp.array
+            make = _zeros if isinstance(value, int | tuple) else wp.array
             fields[name] = make(value, dtype=field.dtype, device=device)
     return filled(kind, **fields)
+
+
+def _zeros(shape: int | tuple[int, ...], dtype: Any, device: wp.DeviceLike) -> wp.array:
+    """Zeros. On the CPU they take memory where something is written: few outlines are as long as their arrays."""
+    if not wp.get_device(device).is_cpu:
+        return wp.zeros(shape, dtype=dtype, device=device)
+    size = math.prod(np.atleast_1d(shape)) * wp.types.type_size_in_bytes(dtype)
+    private = {} if sys.platform == "win32" else {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS}
+    memory = np.frombuffer(mmap.mmap(-1, max(1, size), **private), np.uint8)
+    array = wp.array(ptr=memory.ctypes.data, dtype=dtype, shape=shape, device=device)
+    array.memory = memory  # lives as long
+    return array

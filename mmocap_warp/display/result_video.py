@@ -32,7 +32,6 @@ from mmocap_warp.display.overlay import (
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import WebmFile, write_animation, write_png
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.scene.frame_choice import read_ahead
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
@@ -117,8 +116,7 @@ def show(
                     strips.append(np.concatenate(parts, axis=1))
                 yield _video_frame(results, looks, frame, views, layout.columns) if writer else None
 
-        # A frame is encoded while the next ones are drawn.
-        for frame, picture in enumerate(stack.enter_context(contextlib.closing(read_ahead(drawn())))):
+        for frame, picture in enumerate(stack.enter_context(contextlib.closing(drawn()))):
             if writer and picture is not None:
                 writer.write(picture)
             if progress is not None:

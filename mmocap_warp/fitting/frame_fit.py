@@ -100,8 +100,13 @@ class FrameFit:
             self._random.normal(size=(_DRAWS // 2, len(limb.reach)))
         return own
 
-    def with_limbs_found(self, guess: Guess, rounds: int, random: np.random.Generator | None = None) -> Guess:
-        """The guess with every limb where it explains the masks best, after at most ``rounds`` rounds over all."""
+    def with_limbs_found(
+        self, guess: Guess, rounds: int, random: np.random.Generator | None = None, most: float = np.inf
+    ) -> Guess:
+        """The guess with every limb where it explains the masks best, after at most ``rounds`` rounds over all.
+
+        A guess that costs more than ``most`` after a round is given up.
+        """
         fruitless, random = 0, random or self._random
         for _ in range(rounds):
             before = guess.cost
@@ -111,7 +116,7 @@ class FrameFit:
             solved = self._solved(guess, self._fine)
             guess = solved if solved.cost < guess.cost else guess  # contours may pull a limb the wrong way
             fruitless = fruitless + 1 if guess.cost > before - _LEAST_GAIN else 0
-            if fruitless == self._patience:
+            if fruitless == self._patience or guess.cost > most:
                 break
         return guess
 

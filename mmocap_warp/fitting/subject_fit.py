@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -54,6 +55,7 @@ _ROUNDS = 6  # rounds over the limbs, at most
 _CLEAR_MARGIN = 0.03  # one frame decides by this difference of costs
 _CLEAR_SHARE = 0.25  # of a given body: or by this share of the cost, if that is less
 _HOPELESS = 2.0  # what costs so many times as much is not searched further, of a given body
+_FAR_BEHIND = 0.06  # what costs so much more after a round over the limbs is not searched further: it gains .02 at most
 _TURNED_COSINE = -0.2  # two bodies face apart if the cosine of the angle between them is smaller
 _SAME_PLACE = 0.1  # joints that are nearer to each other are in the same place [m]
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
@@ -138,7 +140,7 @@ def fit_clip(
     # To a person whose body is given, and who is seen in one way, the clip has nothing to add.
     clip = [first] if task.body_is_given and not close else [first, *observations]
     # Motion decides between ways to see the first frame that are nearly as good.
-    ways = [_with_clip_body(task, clip, fps, task.subject(guess, verdict)) for guess in (best, *close)]
+    ways = _with_clip_bodies(task, clip, fps, [task.subject(guess, verdict) for guess in (best, *close)])
     (subject, cost), *others_in_clip = sorted(ways, key=lambda way: way[1])
     others_in_clip = [way for way in others_in_clip if _differ(subject, way[0])]  # some end in the same pose
     decided = "yes"
@@ -150,11 +152,19 @@ def fit_clip(
     return replace(subject, provenance=subject.provenance | verdict | {"fit.decided": decided})
 
 
-def _with_clip_body(task: _Task, clip: list[Observation], fps: float, subject: Subject) -> tuple[Subject, float]:
-    """The subject with the body of the frames that it can be followed through, and their contours' mean cost."""
-    settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
+def _with_clip_bodies(
+    task: _Task, clip: list[Observation], fps: float, subjects: list[Subject]
+) -> list[tuple[Subject, float]]:
+    """Each subject with the body of the frames that it can be followed through, and their contours' mean cost."""
+    count = min(len(subjects), task.threads) if task.device == "cpu" else 1
+    settings = TrackConfig(seed=task.config.seed, device=task.device, threads=-(-task.threads // count))
     generic = replace(task.body, skeleton=task.generic.skeleton)
-    return solve_body_in_clip(subject, generic, task.rig, clip, fps, task.config.frames, settings)
+
+    def solved(subject: Subject) -> tuple[Subject, float]:
+        return solve_body_in_clip(subject, generic, task.rig, clip, fps, task.config.frames, settings)
+
+    with ThreadPoolExecutor(count) as pool:
+        return list(pool.map(solved, subjects))
 
 
 @dataclass(frozen=True)
@@ -231,7 +241,7 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     if turned:
         other = min(turned, key=_cost)
         if not (task.body_is_given and other.cost > _HOPELESS * best.cost):
-            other = frame.with_limbs_found(other, _ROUNDS)
+            other = frame.with_limbs_found(other, _ROUNDS, most=best.cost + _FAR_BEHIND)
         if _differ(there, task.subject(other, {})):  # else it has turned back
             others["turned"] = other
     exchanged = [guess for guess in exchanged if guess.cost < best.cost + _LEAST_MARGIN]

@@ -145,6 +145,7 @@ class PlannedFrame:
     """In place of a frame's fit: guesses cost what is planned, by the height that says which they are."""
 
     polished_cost, limbs_cost, swapped_cost, anew_cost, exchanged_cost = {}, {}, None, None, None
+    most = np.inf  # cost that the last guess whose limbs were looked for might have
 
     def __init__(self, *_):
         self.searched = []
@@ -155,7 +156,8 @@ class PlannedFrame:
     def split_random(self):
         return None
 
-    def with_limbs_found(self, guess, rounds, random=None):
+    def with_limbs_found(self, guess, rounds, random=None, most=np.inf):
+        PlannedFrame.most = most
         return replace(guess, cost=self.limbs_cost.get(int(guess.pose[1]), guess.cost))
 
     def with_sides_swapped(self, guess):
@@ -207,6 +209,12 @@ def test_the_margin_is_how_far_the_next_explanation_is_behind(planned):
     assert np.isnan(_verdict(best, {})["fit.margin"])
 
 
+def test_limbs_of_a_body_that_is_turned_round_are_looked_for_while_it_is_not_far_behind(planned):
+    best, rivals = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15})
+    assert rivals["turned"].pose[1] == 2
+    assert PlannedFrame.most == pytest.approx(best.cost + 0.06)
+
+
 def test_sides_that_fit_better_swapped_are_swapped(planned):
     best, rivals = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15}, swapped=0.10)
     assert best.cost == 0.10
@@ -248,7 +256,8 @@ def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, answe
     guesses = [Guess(np.zeros(len(RestSpace(man).names)), np.eye(3), np.full(51, i), 0.1 + i * margin) for i in (0, 1)]
     asked = iter(costs)
     monkeypatch.setattr(
-        "mmocap_warp.fitting.subject_fit._with_clip_body", lambda task, clip, fps, subject: (subject, next(asked))
+        "mmocap_warp.fitting.subject_fit._with_clip_bodies",
+        lambda task, clip, fps, subjects: [(subject, next(asked)) for subject in subjects],
     )
     monkeypatch.setattr(
         "mmocap_warp.fitting.subject_fit._first_frame", lambda task, observation: (guesses[0], {"turned": guesses[1]})

@@ -114,6 +114,15 @@ def test_an_arm_inside_the_trunk_is_found(man, space):
     assert max(np.linalg.norm(places[name] - truth[name]) for name in ("LWrist", "RWrist", "LAnkle", "RAnkle")) < 0.05
 
 
+def test_a_guess_that_costs_too_much_after_a_round_over_the_limbs_is_given_up(man, space, monkeypatch):
+    rounds, solved = [], FrameFit._solved
+    monkeypatch.setattr(FrameFit, "_solved", lambda *args: rounds.append(0) or solved(*args))
+    frame = FrameFit(space, FirstFrame(RIG, seen(man, standing(man))))
+    guess = Guess(np.zeros(len(space.names)), BASE, standing(man, LHip=(-0.9, 0, 0)))
+    frame.with_limbs_found(guess, rounds=3, most=0.0)
+    assert len(rounds) == 1
+
+
 def test_legs_that_are_swapped_are_told_from_those_that_are_not(man, space):
     pose = standing(man, LHip=(-0.5, 0, 0), LKnee=(0.3, 0, 0), RHip=(0.4, 0, 0), RKnee=(0.3, 0, 0))
     frame = FrameFit(space, FirstFrame(RIG, seen(man, pose)))

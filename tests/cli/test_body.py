@@ -75,8 +75,8 @@ def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureF
         assert cli.main(["body", "import", str(robot), "-o", other, *flags]) == console.USAGE
     assert cli.main(["body", "import", str(robot), "-o", str(tmp_path / "turned.usdc"), "--facing", "-x"]) == 0
     capsys.readouterr()
-    (tmp_path / "a.fbx").write_bytes(b"")
-    assert cli.main(["body", "import", str(tmp_path / "a.fbx"), "-o", other]) == console.BAD_INPUT
+    (tmp_path / "a.max").write_bytes(b"")
+    assert cli.main(["body", "import", str(tmp_path / "a.max"), "-o", other]) == console.BAD_INPUT
     assert ".glb" in capsys.readouterr().err
 
 

@@ -110,7 +110,9 @@ class WebmFile:
         """Let a thread encode the frames that wait."""
         if self._video is None:
             height, width = self._waiting[0].shape[:2]
-            size, encoded = (width & ~1, height & ~1), [cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1]
+            size = (width & ~1, height & ~1)
+            # Without an interval OpenCV marks all frames as such that can be jumped to, and no browser shows them.
+            encoded = [cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1, cv2.VIDEOWRITER_PROP_KEY_INTERVAL, _GROUP]
             name = native_path(self._unfinished)
             with _quiet_stderr():  # OpenCV grumbles about every codec tag in WebM
                 self._video = cv2.VideoWriter(name, cv2.CAP_FFMPEG, _VP8, self._fps, size, encoded)

@@ -99,6 +99,14 @@ def test_frames_that_can_be_jumped_to_are_marked_and_no_others(tmp_path):
     assert [not block[4] & 1 for block in found] == [frame % KEY == 0 for frame in range(4 * KEY + 5)]
 
 
+def test_the_same_video_is_the_same_bytes(tmp_path):
+    for name in ("one.webm", "other.webm"):
+        with WebmFile(tmp_path / name, 30) as video:
+            for picture in busy(5, (160, 120)):
+                video.write(picture)
+    assert (tmp_path / "one.webm").read_bytes() == (tmp_path / "other.webm").read_bytes()
+
+
 def test_a_slow_video_keeps_its_times(tmp_path):
     """Frames that are further apart than a cluster may be long."""
     with WebmFile(tmp_path / "v.webm", 0.05) as video:

@@ -1,7 +1,7 @@
 """Make the tables of joint sets of MakeHuman's people: landmarks on the skin, and joint centres from them.
 
 ``python instruments/joint_sets.py -o scenes/bodies/joint_sets``; ``--picture docs/images/all-joint-sets.png`` draws
-them on two bodies, and ``coco-anny``, for which the package ``anny`` must be installed. A landmark is a vertex that was
+them on two bodies, and files that ``--further`` names. A landmark is a vertex that was
 chosen on adult_man; all shipped people have the same mesh. Centres that the literature gives by lengths and directions
 are turned into weights of landmarks, by least squares over the shipped people with every shape target at -1, 0 and 1.
 
@@ -21,7 +21,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mmocap_warp.body.anny_weights import ANNY_SET
 from mmocap_warp.body.joint_sets import RIG, JointSet, joint_set
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.result.marker_errors import triangulated
@@ -323,7 +322,7 @@ def picture(file: Path, names: list[str]) -> None:
     rows = []
     for person in PEOPLE[:2]:
         body = load_body(person)
-        rows.append([drawn(body, joint_set(name, body), f"{name}, {person}") for name in names])
+        rows.append([drawn(body, joint_set(name, body), f"{Path(name).stem}, {person}") for name in names])
     lines = [np.hstack(row[first : first + _IN_A_LINE]) for first in range(0, len(names), _IN_A_LINE) for row in rows]
     cv2.imwrite(str(file), np.vstack(lines), (cv2.IMWRITE_PNG_COMPRESSION, 9))
 
@@ -353,6 +352,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", type=Path, metavar="FOLDER", help="where the tables are written")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="where they are drawn")
+    parser.add_argument("--further", nargs="*", default=[], metavar="FILE", help="tables that are drawn, too")
     given = parser.parse_args()
     man = load_body(PEOPLE[0])
     vertex = landmarks(man)
@@ -362,4 +362,4 @@ if __name__ == "__main__":
         for name, points in made.items():
             (given.o / f"{name}.toml").write_text(table(points, vertex, len(man.skin.rest)), encoding="utf-8")
     if given.picture:
-        picture(given.picture, [RIG, *made, ANNY_SET])
+        picture(given.picture, [RIG, *made, *given.further])

@@ -40,7 +40,7 @@ def allocated(kind: type, device: wp.DeviceLike, **fields: Any) -> Any:
     return filled(kind, **fields)
 
 
-def _zeros(shape: int | tuple[int, ...], dtype: Any, device: wp.DeviceLike) -> wp.array:
+def _zeros(shape: int | tuple[int, ...], dtype: Any, device: wp.DeviceLike) -> wp.array[Any]:
     """Zeros. On the CPU they take memory where something is written: few outlines are as long as their arrays."""
     if not wp.get_device(device).is_cpu:
         return wp.zeros(shape, dtype=dtype, device=device)

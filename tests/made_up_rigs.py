@@ -1,4 +1,4 @@
-"""Files of other programs' characters and robots, made up: a glTF creature and a URDF robot of boxes."""
+"""Files of other programs' characters and robots, made up: a glTF creature, and a robot of boxes in URDF and MJCF."""
 
 from __future__ import annotations
 
@@ -133,3 +133,30 @@ ROBOT = """\
 </robot>
 """
 """A crane of two hinges, the second about world +X at zero; its boom points along +Y, its hook slides upward."""
+
+MJCF = """\
+<mujoco model="crane">
+  <compiler angle="radian"/>
+  <default><geom group="2"/><joint limited="true"/></default>
+  <worldbody>
+    <geom type="plane" size="5 5 .1"/>
+    <body name="base">
+      <geom type="box" size="0.2 0.2 0.1"/>
+      <body name="column" pos="0 0 0.1">
+        <joint name="slew" limited="false"/>
+        <geom type="cylinder" size="0.1 0.5" pos="0 0 0.5"/>
+        <geom type="sphere" size="0.12" pos="0 0 1"/>
+        <body name="boom" pos="0 0 1" euler="0 0 1.5707963">
+          <joint name="luff" axis="0 -1 0" range="-0.2 1.2"/>
+          <geom type="box" size="0.4 0.05 0.05" pos="0.4 0 0"/>
+          <body name="hook" pos="0.75 0 -0.1">
+            <joint name="hoist" type="slide" range="0 0.5"/>
+            <geom type="box" size="0.025 0.025 0.1"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+"""The same crane, as MuJoCo has it."""

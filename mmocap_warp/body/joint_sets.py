@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.body.anny_weights import ANNY_SET, anny_weights
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser, blocks, skin_positions
 from mmocap_warp.errors import InputError
@@ -23,7 +22,6 @@ RIG = "rig"
 
 _FOLDER = ROOT / "bodies" / "joint_sets"
 _POSES_AT_ONCE = 256  # poses whose skin is posed together; 13,000 vertices of each take 160 KB
-_MAKEHUMAN_SKIN = 13380  # vertices of the skin of the shipped people: the first of MakeHuman's base mesh
 _SUM_TOLERANCE = 1e-3  # a point's weights must sum to one within this, or it would not move with the body
 
 
@@ -101,11 +99,9 @@ def joint_set(name: str | Path, body: BodyModel) -> JointSet:
         return parse_joint_set(read_text(name, "give a TOML text file"), body, name)
     if name in known:
         return parse_joint_set(known[str(name)], body, f"joint set {name} of {body.name}")
-    if name == ANNY_SET:
-        return _from_vertices(ANNY_SET, anny_weights(), body)
     file = _FOLDER / f"{name}.toml"
     if not file.is_file():
-        names = ", ".join([RIG, *known, *sorted(each.stem for each in _FOLDER.glob("*.toml")), ANNY_SET])
+        names = ", ".join([RIG, *known, *sorted(each.stem for each in _FOLDER.glob("*.toml"))])
         raise InputError("joint set", f"there is no '{name}'", f"name one of {names}, or a .toml file")
     return parse_joint_set(read_text(file, "install the package again"), body, file)
 
@@ -187,21 +183,3 @@ class _Rows:
 
     def _error(self, point: str, problem: str) -> InputError:
         return InputError(self._source, f"'{point}' {problem}", "docs/formats.md has an example")
-
-
-def _from_vertices(name: str, weights: Mapping[str, np.ndarray], body: BodyModel) -> JointSet:
-    """A set of weights over the vertices of MakeHuman's mesh, of which the body's skin has the first.
-
-    Points that have more weight on the eyeballs, teeth and clothes that follow are left out.
-    """
-    count, skeleton = len(body.skin.rest), body.skeleton
-    if count != _MAKEHUMAN_SKIN:
-        raise InputError(f"joint set {name}", f"is not for the skin of {body.name}", f"name another set, such as {RIG}")
-    on_skin = {key: weight[:count] for key, weight in weights.items() if weight[:count].sum() > 0.5}
-    skin = np.stack([weight / weight.sum() for weight in on_skin.values()])
-    used, none = np.flatnonzero(skin.any(axis=0)), np.full(len(skin), -1)
-    # COCO's left_hip is the body's LHip.
-    plain = [f"{key[0].upper()}{key.split('_')[-1].capitalize()}" if "_" in key else key for key in on_skin]
-    counterpart = np.array([skeleton.joints.index(each) if each in skeleton.joints else -1 for each in plain])
-    joint = np.zeros((len(skin), len(skeleton.joints)))
-    return JointSet(name, tuple(on_skin), used, skin[:, used], joint, none, counterpart)

@@ -17,7 +17,9 @@ from mmocap_warp.display.still_pictures import draw_body
 from mmocap_warp.errors import InputError, UsageError, input_errors
 from mmocap_warp.formats.exports.glb import write_body_glb
 from mmocap_warp.formats.image_files import write_png
+from mmocap_warp.formats.rigged.by_blender import read_fbx
 from mmocap_warp.formats.rigged.gltf import read_gltf
+from mmocap_warp.formats.rigged.mjcf import read_mjcf
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 from mmocap_warp.formats.rigged.urdf import read_urdf
 from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
@@ -66,18 +68,19 @@ def import_body(
     write_joints: str | Path | None = None,
     meshes: str | Path | None = None,
     character: str | None = None,
+    blender: str = "blender",
     joint_set: str | Path | None = None,
     name: str | None = None,
     attribution: str | None = None,
     force: bool = False,
 ) -> Imported:
-    """Write a body of a rigged character (.glb, .gltf, .vrm, .usd, .usda, .usdc, .usdz) or a robot (.urdf).
+    """Write a body of a rigged character (.glb, .gltf, .vrm, .usd, .usda, .usdc, .usdz, .fbx) or a robot (.urdf, .xml).
 
     Args:
         file: the character or robot.
         output: the body's file: .usdc, .usda or .usd.
         up: the file's axis that points up, such as +z. [default: what its format says]
-        facing: the file's axis along which the body faces. [default: +z of glTF, +x of URDF, +z or -y of USD]
+        facing: the file's axis along which the body faces. [default: +z of glTF, +x of robots, +z or -y of USD]
         scale: what lengths are multiplied by, besides the unit that the file states.
         triangles: at most, of the mesh that is tracked.
         skin_triangles: at most, of the mesh that is shown.
@@ -85,6 +88,7 @@ def import_body(
         write_joints: write how joints turn to this .toml file, to be edited and given as joints.
         meshes: the folder of a robot's meshes. [default: its file's own]
         character: the name of who is meant, where the file holds several characters.
+        blender: Blender's program, which is started without a window to read an .fbx.
         joint_set: a .toml table of further joints, which the body carries under that file's name.
         name: the body's name. [default: the output's name without ending]
         attribution: who made it, and under which licence. [default: what the file says]
@@ -102,7 +106,7 @@ def import_body(
     joints_target = None if write_joints is None else new_file(write_joints, ".toml", force=force)
     # Read the file, and check what was said of it.
     stated_joints = None if joints is None else read_joints_file(Path(joints))
-    mesh = _read_rigged(Path(file), None if meshes is None else Path(meshes), character)
+    mesh = _read_rigged(Path(file), None if meshes is None else Path(meshes), character, blender)
     with arguments_checked():
         body_from_file(up or mesh.up, facing or mesh.facing)
     if not scale > 0 or triangles < 4 or skin_triangles < triangles:
@@ -135,10 +139,12 @@ def import_body(
     return made
 
 
-def _read_rigged(file: Path, meshes: Path | None, character: str | None) -> RiggedMesh:
+def _read_rigged(file: Path, meshes: Path | None, character: str | None, blender: str) -> RiggedMesh:
     readers: dict[str, Callable[[Path], RiggedMesh]] = {
         **dict.fromkeys((".glb", ".gltf", ".vrm"), lambda file: read_gltf(file, character)),
+        ".fbx": lambda file: read_fbx(file, character, blender),
         ".urdf": lambda file: read_urdf(file, meshes),
+        ".xml": lambda file: read_mjcf(file, meshes, character),
         **dict.fromkeys((*USD_SUFFIXES, ".usdz"), lambda file: read_usd_skel(file, character)),
     }
     if not file.is_file():

@@ -19,8 +19,6 @@ def make_sequences(
     degrade: str = "none",
     seed: int = 0,
     clip: str | Path | None = None,
-    skeleton: str | Path | None = None,
-    markers: str | Path | None = None,
     together: bool = False,
     apart: float = 0.7,
     force: bool = False,
@@ -36,9 +34,7 @@ def make_sequences(
         degrade: what makes them worse: passer-by, furniture, fps=15, views=3, cut=2 (or all), calibration=10 (pixels),
             or several joined by +.
         seed: of what is random in that.
-        clip: a .bvh or .amc file whose motion takes the place of the one sequence's own.
-        skeleton: the .asf of an .amc. [default: beside it, named as the .amc up to '_']
-        markers: the .c3d of the same take as an .amc; its marker paths become the truth.
+        clip: a .bvh file whose motion takes the place of the one sequence's own.
         together: the people of the sequences, two or more, are in one scene of label images and pass each other.
         apart: how near to each other they come [m]; 0.7 is a hand between shoulders that pass, 0.4 a hold.
         force: write among files that are there.
@@ -59,8 +55,6 @@ def make_sequences(
         raise UsageError("--clip needs one --sequence, whose person and cameras it takes")
     if clip is not None and sequences[0] not in SEQUENCES:
         raise UsageError(f"--clip needs a --sequence of {', '.join(SEQUENCES)}, got {sequences[0]}")
-    if clip is None and (skeleton or markers):
-        raise UsageError(f"--{'skeleton' if skeleton else 'markers'} needs --clip")
     try:
         parse(degrade)
     except ValueError as error:
@@ -78,7 +72,7 @@ def make_sequences(
             return {" and ".join(sequences): write_people(folder, of_people, apart, progress)}
     scenes = {}
     for name in sequences or tuple(SEQUENCES):
-        made = CLIPS[name] if clip is None else clip_sequence(name, clip, skeleton, markers)
+        made = CLIPS[name] if clip is None else clip_sequence(name, clip)
         made = made.first(min(frames or made.frame_count, made.frame_count))
         with (reporter or Reporter()).stage(f"make {name}") as progress:
             try:

@@ -44,7 +44,7 @@ def evaluate(
         scene: the scene, if it is no longer where the result says.
         frames: which of the result's frames. [default: all]
         joint_set: by which definitions joints are compared: rig, isb, coco17, body25, h36m17, humaneva, rajagopal,
-            soma77, coco-anny, or a .toml file.
+            soma77, or a .toml file.
         reporter: receives warnings.
 
     Returns:

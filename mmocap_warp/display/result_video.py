@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
@@ -101,7 +101,7 @@ def show(
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(WebmFile(video, result.rate / slow)) if video else None
 
-        def drawn() -> Iterator[np.ndarray | None]:
+        def drawn() -> Generator[np.ndarray | None, None, None]:
             """Each frame of the video, where there is one; other drawings are put aside."""
             streams = _frames_in_step(result, images, *([seen for _, _, seen in people] or [masks]))
             for frame, (seen, *masked) in enumerate(streams):

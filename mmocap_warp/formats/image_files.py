@@ -55,6 +55,8 @@ _ENCODER_RATE = 2000
 _GROUP = 24  # frames that an encoder takes: to start one takes as long as three frames
 _VP8 = cv2.VideoWriter.fourcc(*"VP80")
 _SEGMENT = b"\x18\x53\x80\x67"  # the element that holds all of a WebM file but its head; eight bytes of length follow
+_TRACK_NUMBER = b"\x73\xc5\x88"  # the element that holds a track's number, and that eight bytes follow
+_HEAD = 600  # bytes that hold what comes before the first frame
 _ENCODERS = 4  # groups that are encoded at a time, at most: their pictures are in memory
 
 
@@ -98,9 +100,13 @@ class WebmFile:
             self._append_encoded(0)
             if self._video is not None:
                 self._video.release()
+                # The track has a random number, twice in the head: the same video is to be the same bytes.
+                with self._unfinished.open("r+b") as file:
+                    head = file.read(_HEAD)
+                    number = head.find(_TRACK_NUMBER) + len(_TRACK_NUMBER)
+                    file.seek(0)
+                    file.write(head.replace(head[number : number + 8], bytes(7) + b"\1"))
                 # OpenCV says nothing of a full disk; the file's segment knows how long it is.
-                with self._unfinished.open("rb") as file:
-                    head = file.read(200)
                 start = head.find(_SEGMENT) + 12
                 length = int.from_bytes(head[start - 8 : start], "big") & (1 << 56) - 1
                 if self._unfinished.stat().st_size != start + length:
@@ -110,7 +116,9 @@ class WebmFile:
         """Let a thread encode the frames that wait."""
         if self._video is None:
             height, width = self._waiting[0].shape[:2]
-            size, encoded = (width & ~1, height & ~1), [cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1]
+            size = (width & ~1, height & ~1)
+            # Without an interval OpenCV marks all frames as such that can be jumped to, and no browser shows them.
+            encoded = [cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1, cv2.VIDEOWRITER_PROP_KEY_INTERVAL, _GROUP]
             name = native_path(self._unfinished)
             with _quiet_stderr():  # OpenCV grumbles about every codec tag in WebM
                 self._video = cv2.VideoWriter(name, cv2.CAP_FFMPEG, _VP8, self._fps, size, encoded)

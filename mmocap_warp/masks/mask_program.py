@@ -16,6 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.masks.mask_files import read_mask_image
@@ -85,7 +86,7 @@ class MaskProgram:
                     with suppress(subprocess.TimeoutExpired):
                         process.wait(_LOOK_INTERVAL)
             finally:
-                _end(process)
+                end_program(process)
         return f"failed with exit code {process.returncode}" if process.returncode else None
 
     def _error(self, fault: str, mask: Path, frames: Path) -> InputError:
@@ -109,7 +110,7 @@ def _fault(mask: Path, size: tuple[int, int]) -> str | None:
     return None if (width, height) == size else f"its mask is {width}x{height}, the frame is {size[0]}x{size[1]}"
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def end_program(process: subprocess.Popen[Any]) -> None:
     """End a program that still runs, with all that it has started."""
     if process.poll() is not None:
         return

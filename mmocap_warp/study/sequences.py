@@ -19,12 +19,13 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
 from mmocap_warp.synthesis.footage.segmentation import Contrast, SegmentedMasks
-from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
+from mmocap_warp.synthesis.motion.retarget import retargeted
 from mmocap_warp.synthesis.motion.stored_poses import stored_poses
 from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS, Person, fitted_start
 
@@ -131,28 +132,15 @@ def make_sequence(name: str, plan: SequencePlan, person: Person | None = None) -
     return StudySequence(name, FPS, start, truth, recording)
 
 
-def clip_sequence(
-    name: str, clip: str | Path, skeleton: str | Path | None = None, markers: str | Path | None = None
-) -> StudySequence:
-    """A sequence whose person moves as a motion clip does, as long as the clip.
-
-    Args:
-        name: of the sequence whose person and cameras are taken.
-        clip: a ``.bvh`` or ``.amc`` file.
-        skeleton: the ``.asf`` of an ``.amc``; see :func:`mmocap_warp.formats.motion.amc.read_amc`.
-        markers: the ``.c3d`` of the same take, whose real marker paths then are the truth; they were on another
-            person, so even the true body at its true poses errs.
+def clip_sequence(name: str, clip: str | Path) -> StudySequence:
+    """The sequence whose person and cameras are taken, with the person moving as a ``.bvh`` does, as long as that.
 
     Raises:
         InputError: a file that is missing or wrong, or a skeleton that is not understood.
     """
     plan = PLANS[name]
-    moved = retargeted(read_clip(clip, skeleton, markers), _PEOPLE[plan.person].true_body(), FPS, clip)
-    made = make_sequence(name, replace(plan, frames=len(moved.poses), motion=lambda *_: moved.poses))
-    if not moved.marker_names:
-        return made
-    paths = moved.markers @ _floor_axes(plan.heading).T
-    return replace(made, truth=replace(made.truth, marker_names=moved.marker_names, markers=np.round(paths, 7)))
+    poses = retargeted(read_bvh(clip), _PEOPLE[plan.person].true_body(), FPS, clip)
+    return make_sequence(name, replace(plan, frames=len(poses), motion=lambda *_: poses))
 
 
 class MadeSequences(UserDict[str, Any]):

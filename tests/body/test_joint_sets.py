@@ -1,6 +1,5 @@
 """Joint sets: tables of weighted skin vertices and joints, and where their points are in poses."""
 
-import importlib.util
 import io
 import pickle
 import sys
@@ -11,10 +10,11 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from xml.etree import ElementTree
 
+import anny_weights
 import numpy as np
 import pytest
 
-from mmocap_warp.body import anny_weights, joint_sets
+from mmocap_warp.body import joint_sets
 from mmocap_warp.body.joint_sets import joint_set, parse_joint_set
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import joint_positions, skin_positions
@@ -162,16 +162,17 @@ def test_weights_of_an_installed_anny_are_read_without_torch(tmp_path, monkeypat
     found = SimpleNamespace(submodule_search_locations=[str(tmp_path)])
     monkeypatch.setattr(anny_weights, "find_spec", lambda name: found)
     file.write_bytes(saved_tensor(weight))
-    each = joint_set("coco-anny", MAN)
+    (tmp_path / "coco-anny.toml").write_text(anny_weights.table(MAN))
+    each = joint_set(tmp_path / "coco-anny.toml", MAN)
     assert each.names == ("left_hip",)
+    assert each.counterpart.tolist() == [MAN.skeleton.joints.index("LHip")]
     np.testing.assert_allclose(each.at_rest(MAN)[0], MAN.skin.rest[[10, 20]].T @ [0.25, 0.75], atol=1e-6)
     file.write_bytes(saved_tensor(weight, io.StringIO))  # nothing of a file is run but what makes tensors
     with pytest.raises(InputError, match="cannot be read"):
-        joint_set("coco-anny", MAN)
-    monkeypatch.setattr(anny_weights, "find_spec", importlib.util.find_spec)
-    if importlib.util.find_spec("anny") is None:
-        with pytest.raises(InputError, match="not installed"):
-            joint_set("coco-anny", MAN)
+        anny_weights.anny_weights()
+    monkeypatch.setattr(anny_weights, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match="not installed"):
+        anny_weights.anny_weights()
 
 
 def test_the_shipped_tables_are_those_that_an_error_names() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_rigs import ROBOT, write_creature
+from made_up_rigs import MJCF, ROBOT, write_creature
 
 from mmocap_warp import cli
 from mmocap_warp.cli import console
@@ -63,6 +63,9 @@ def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureF
     robot.write_text(ROBOT)
     told = run(capsys, "body", "import", robot, "-o", tmp_path / "crane.usdc")
     assert told["joints"] == ["base", "slew", "luff", "hoist"]
+    (tmp_path / "crane.xml").write_text(MJCF)
+    same = run(capsys, "body", "import", tmp_path / "crane.xml", "-o", tmp_path / "same.usdc")
+    assert {**same, "body": told["body"], "file": told["file"]} == told
     robot.write_text(ROBOT.replace('<box size="0.4 0.4 0.2"/>', '<mesh filename="a.stl"/>'))
     other = str(tmp_path / "other.usdc")
     assert cli.main(["body", "import", str(robot), "-o", other]) == console.BAD_INPUT
@@ -72,8 +75,8 @@ def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureF
         assert cli.main(["body", "import", str(robot), "-o", other, *flags]) == console.USAGE
     assert cli.main(["body", "import", str(robot), "-o", str(tmp_path / "turned.usdc"), "--facing", "-x"]) == 0
     capsys.readouterr()
-    (tmp_path / "a.fbx").write_bytes(b"")
-    assert cli.main(["body", "import", str(tmp_path / "a.fbx"), "-o", other]) == console.BAD_INPUT
+    (tmp_path / "a.max").write_bytes(b"")
+    assert cli.main(["body", "import", str(tmp_path / "a.max"), "-o", other]) == console.BAD_INPUT
     assert ".glb" in capsys.readouterr().err
 
 

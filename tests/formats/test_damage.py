@@ -11,7 +11,6 @@ from synthetic import ring_rig
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.opencv_yaml import read_opencv_yaml
-from mmocap_warp.formats.motion.amc import read_amc
 from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.truth_file import read_truth, write_truth
 from mmocap_warp.result.truth import Truth
@@ -64,14 +63,6 @@ def test_opencvs_own_files_give_the_same_bits(tmp_path):
     for name in ("K", "R", "t", "size"):
         np.testing.assert_array_equal(getattr(read, name), getattr(rig, name))
     np.testing.assert_array_equal(read.distortion, distortion.astype(np.float64))
-
-
-def test_a_direction_of_two_numbers(tmp_path):
-    bone = "begin\nname a\ndirection 0 1\nlength 1\naxis 0 0 0 XYZ\nend\n"
-    (tmp_path / "a.asf").write_text(f":root\norder tx ty tz rx ry rz\n:bonedata\n{bone}:hierarchy\nroot a\n")
-    (tmp_path / "a_1.amc").write_text("1\nroot 0 0 0 0 0 0\n")
-    with pytest.raises(InputError, match=r"bone a is not complete .direction 0 1 is not three numbers"):
-        read_amc(tmp_path / "a_1.amc")
 
 
 def test_a_truth_with_bytes_that_are_no_text(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ from mmocap_warp.formats.image_files import WebmFile
 MOST = 0.4  # bits a pixel of a frame
 KEY = 12  # frames from one that can be jumped to, to the next
 _BITS = 6  # of a frame's number
+SEGMENT, CLUSTER, SIMPLE_BLOCK = b"\x18\x53\x80\x67", b"\x1f\x43\xb6\x75", 0xA3
 
 
 def busy(frames: int, size: tuple[int, int]) -> list[np.ndarray]:
@@ -71,6 +73,38 @@ def test_a_player_can_jump_to_a_frame(tmp_path):
     opened = cv2.VideoCapture(str(tmp_path / "v.webm"))
     assert opened.set(cv2.CAP_PROP_POS_MSEC, 1000.0)
     assert number(opened.read()[1]) == 30
+
+
+def blocks(data: bytes, at: int = 0, end: int | None = None) -> Iterator[bytes]:
+    """What a WebM file holds of each frame: the track, the time and flags in four bytes, then the frame."""
+    while at < (len(data) if end is None else end):
+        name = 8 - data[at].bit_length()  # further bytes of the element's name, then of its length
+        more = 8 - data[at + name + 1].bit_length()
+        begin = at + name + more + 2
+        length = int.from_bytes(data[at + name + 1 : begin], "big") & (1 << 7 * (more + 1)) - 1
+        if data[at : at + name + 1] in (SEGMENT, CLUSTER):
+            yield from blocks(data, begin, begin + length)
+        elif data[at] == SIMPLE_BLOCK:
+            yield data[begin : begin + length]
+        at = begin + length
+
+
+def test_frames_that_can_be_jumped_to_are_marked_and_no_others(tmp_path):
+    """A browser shows nothing of a video in which all are."""
+    with WebmFile(tmp_path / "v.webm", 30) as video:
+        for picture in busy(4 * KEY + 5, (176, 144)):
+            video.write(picture)
+    found = list(blocks((tmp_path / "v.webm").read_bytes()))
+    assert [bool(block[3] & 0x80) for block in found] == [frame % KEY == 0 for frame in range(4 * KEY + 5)]
+    assert [not block[4] & 1 for block in found] == [frame % KEY == 0 for frame in range(4 * KEY + 5)]
+
+
+def test_the_same_video_is_the_same_bytes(tmp_path):
+    for name in ("one.webm", "other.webm"):
+        with WebmFile(tmp_path / name, 30) as video:
+            for picture in busy(5, (160, 120)):
+                video.write(picture)
+    assert (tmp_path / "one.webm").read_bytes() == (tmp_path / "other.webm").read_bytes()
 
 
 def test_a_slow_video_keeps_its_times(tmp_path):

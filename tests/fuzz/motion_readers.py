@@ -9,35 +9,6 @@ import mutations
 from given_clips import BVH
 from reader import LINES, Reader, write_text
 
-_ASF = """\
-:version 1.10
-:root
-   order TX TY TZ RX RY RZ
-   axis XYZ
-   position 0 0 0
-:bonedata
-  begin
-    id 1
-    name lfemur
-    direction 0 -1 0
-    length 4
-    axis 0 0 90 XYZ
-    dof rx ry rz
-    limits (-160.0 20.0)
-  end
-  begin
-    name ltibia
-    direction 0 -2 0
-    length 3
-    axis 0 0 0 XYZ
-  end
-:hierarchy
-  begin
-    root lfemur
-    lfemur ltibia
-  end
-"""
-_AMC = ":FULLY-SPECIFIED\n:DEGREES\n1\nroot 0 7 0 0 0 0\nlfemur 0 0 0\n2\nroot 1 7 0 0 0 0\nlfemur 0 90 0\n"
 _TRC = (
     "PathFileType\t4\t(X/Y/Z)\tsome.trc\n"
     "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n"
@@ -48,9 +19,9 @@ _CAL = "600\n600\n320\n240\n0\n0\n0\n0\n0\n0\n" + "1\n0\n0\n0\n1\n0\n0\n0\n1\n" 
 
 
 def _read_clip(folder: Path, name: str) -> None:
-    from mmocap_warp.synthesis.motion.retarget import read_clip
+    from mmocap_warp.formats.motion.motion_clip import read_bvh
 
-    read_clip(folder / name).at_rate(60.0)
+    read_bvh(folder / name).at_rate(60.0)
 
 
 def _write_c3d(folder: Path) -> None:
@@ -147,16 +118,6 @@ READERS: tuple[Reader, ...] = (
     Reader("dataset.mat", "x.mat", _write_mat, _read_mat, mutations.any_bytes),
     Reader("truth.trc", "x.trc", partial(write_text, x__trc=_TRC), partial(read_truth, name="x.trc"), LINES),
     Reader("clip.bvh", "x.bvh", partial(write_text, x__bvh=BVH), partial(_read_clip, name="x.bvh"), LINES),
-    *(
-        Reader(
-            f"clip.{end}",
-            f"x.{end}",
-            partial(write_text, x__asf=_ASF, x__amc=_AMC),
-            partial(_read_clip, name="x.amc"),
-            LINES,
-        )
-        for end in ("asf", "amc")
-    ),
     Reader("clip.c3d", "some.c3d", _write_c3d, _read_c3d, mutations.any_bytes),
     Reader("humaneva.cal", "C1.cal", partial(write_text, C1__cal=_CAL), _read_cal, LINES),
     Reader("humaneva.ofs", "C1.ofs", partial(write_text, C1__ofs="12.0\n32.4\n2.001\n"), _read_ofs, LINES),

@@ -324,8 +324,6 @@ def test_make_writes_what_is_asked_for(tmp_path, capsys):
         (["--sequence", "S4/Jog"], "S1/Walking"),
         (["--frames", "0"], "at least 1"),
         (["--clip", "walk.bvh"], "one --sequence"),
-        (["--skeleton", "02.asf"], "--skeleton needs --clip"),
-        (["--markers", "02_01.c3d"], "--markers needs --clip"),
     ],
 )
 def test_make_says_which_flag_is_wrong(tmp_path, capsys, flags, says):

@@ -21,8 +21,6 @@ class MotionClip:
     rest: np.ndarray  # (joint, 3), places in the rest pose
     place: np.ndarray  # (frame, joint, 3)
     rotation: np.ndarray  # (frame, joint, 3, 3), of each bone in the world, the identity in the rest pose
-    marker_names: tuple[str, ...] = ()  # of markers that were seen on the actor; may be empty
-    markers: np.ndarray | None = None  # (frame, marker, 3), NaN where one was unseen; None where there are none
 
     def at_rate(self, fps: float) -> Self:
         """The clip resampled: places linearly, rotations by the rotation nearest to the mean of their neighbours'."""
@@ -32,11 +30,10 @@ class MotionClip:
         after = np.minimum(before + 1, last)
         share = (when - before)[:, None, None]
         place = (1 - share) * self.place[before] + share * self.place[after]
-        markers = None if self.markers is None else (1 - share) * self.markers[before] + share * self.markers[after]
         share = share[..., None]
         mixed = (1 - share) * self.rotation[before] + share * self.rotation[after]
         u, _, vt = np.linalg.svd(mixed)
-        return replace(self, fps=fps, place=place, rotation=u @ vt, markers=markers)
+        return replace(self, fps=fps, place=place, rotation=u @ vt)
 
 
 def clip_of_tree(

@@ -1,10 +1,11 @@
-"""Meshes of a robot's parts as triangles: ``.stl``, ``.obj``, ``.ply``, ``.dae``; files that they name stay closed."""
+"""A robot's parts as triangles: ``.stl``, ``.obj``, ``.ply``, ``.dae``, solids; files that they name stay closed."""
 
 import io
 import struct
 from itertools import pairwise
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
+from xml.etree.ElementTree import Element, ParseError, register_namespace, tostring
 
 import numpy as np
 
@@ -80,18 +81,62 @@ def _plain_collada(data: bytes, path: Path) -> bytes:
 
     The reader's parser expands entities: there are none left.
     """
-    from xml.etree.ElementTree import ParseError, register_namespace, tostring
-
-    from defusedxml import DefusedXmlException
-    from defusedxml.ElementTree import fromstring
-
-    try:
-        root = fromstring(data)
-    except (DefusedXmlException, ParseError, ValueError, LookupError) as error:
-        raise InputError(path, f"is not plain XML ({type(error).__name__})", _REMEDY) from None
+    root = plain_xml(data, path, _REMEDY)
     register_namespace("", root.tag.partition("}")[0].lstrip("{"))
     for element in list(root.iter()):
         for child in list(element):
             if str(child.tag).rpartition("}")[2] in _MATERIALS:
                 element.remove(child)
     return bytes(tostring(root))
+
+
+def solid(kind: str, *size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a box (three edges), a sphere (radius), or a cylinder or capsule along z.
+
+    The latter two have a radius and a length, a capsule's without its ends. All have their middle at zero.
+    """
+    from trimesh import creation
+
+    if min(size) <= 0:
+        raise ValueError(f"a {kind} has a size of {min(size):g}")
+    if kind == "box":
+        made = creation.box(size)
+    elif kind == "sphere":
+        made = creation.icosphere(subdivisions=2, radius=size[0])
+    elif kind == "cylinder":
+        made = creation.cylinder(size[0], size[1], sections=24)
+    else:
+        made = creation.capsule(size[1], size[0], count=(12, 12))
+    return np.asarray(made.vertices, float), np.asarray(made.faces, np.int64)
+
+
+def named_file(name: str, source: Path, folder: Path) -> Path:
+    """The file in ``folder`` that ends as ``name`` does, which ``source`` has, by as many last parts as can be."""
+    root = folder.resolve()
+    parts = [part for part in PurePosixPath(name.partition("://")[2] or name).parts if part not in ("/", ".", "..")]
+    for first in range(len(parts)):
+        file = root.joinpath(*parts[first:])
+        if file.is_file():
+            if not file.resolve().is_relative_to(root):
+                break
+            return file
+    raise InputError(source, f"names the file '{name}', which is not in {folder}", "name its folder with --meshes")
+
+
+def plain_xml(data: bytes, source: Path, remedy: str) -> Element:
+    """The root of an XML file that needs nothing but itself.
+
+    Raises:
+        InputError: it is no XML, which ``remedy`` mends, or has entities.
+    """
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
+    try:
+        root: Element = fromstring(data)
+    except DefusedXmlException:
+        problem, remedy = "defines XML entities or includes other files", "write their content into this file"
+        raise InputError(source, problem, remedy) from None
+    except (ParseError, ValueError, LookupError) as error:
+        raise InputError(source, f"is not XML ({error})", remedy) from None
+    return root

@@ -50,6 +50,7 @@ class RiggedMesh:
     axes: dict[int, JointAxis] = field(default_factory=dict)
     motions: dict[str, RiggedMotion] = field(default_factory=dict)  # animations by name
     rigid: bool = False  # whether the parts are rigid and their sizes known, as a robot's are
+    roams: bool = False  # whether the file says that it moves as a whole, if it is one chain too
     attribution: str = ""  # what the file says of its makers; may be empty
     notes: tuple[str, ...] = ()  # what was not read as the file has it, a line each
 
@@ -101,6 +102,22 @@ def joined_parts(parts: list[Skin]) -> Skin:
     padded = ([np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in of_all] for of_all in (influence, weight))
     faces = [each + start for each, start in zip(face, first, strict=False)]
     return Skin(np.concatenate(vertex), np.concatenate(faces), *map(np.concatenate, padded))
+
+
+def rigid_skin(parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]], path: Path) -> Skin:
+    """The skin of a robot's parts: own vertices and triangles, how they are turned and placed, the joint they follow.
+
+    Raises:
+        InputError: there are none.
+    """
+    if not parts:
+        raise InputError(path, "has no geometry", "give a robot with visual meshes")
+    return joined_parts(
+        [
+            Skin(vertex @ turn.T + place, face, np.full((len(vertex), 1), joint), np.ones((len(vertex), 1)))
+            for vertex, face, turn, place, joint in parts
+        ]
+    )
 
 
 def reorder(mesh: RiggedMesh, order: list[int] | None = None) -> RiggedMesh:

@@ -1,15 +1,15 @@
 """Robots in URDF: links as rigid parts, joints that turn or slide. Meshes are read by trimesh, boxes and such made."""
 
 from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
-from xml.etree.ElementTree import Element, ParseError
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.formats.rigged.part_meshes import part_mesh
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, joined_parts
+from mmocap_warp.formats.rigged.part_meshes import named_file, part_mesh, plain_xml, solid
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, rigid_skin
 from mmocap_warp.whole_file import read_bytes
 
 _REMEDY = "give a URDF file, as `xacro` writes it"
@@ -44,18 +44,7 @@ class _Joint(NamedTuple):
 
 
 def _parse_xml(path: Path) -> Element:
-    from defusedxml import DefusedXmlException
-    from defusedxml.ElementTree import fromstring
-
-    data = read_bytes(path, "check the path")
-    try:
-        root: Element = fromstring(data)
-    except DefusedXmlException:
-        raise InputError(
-            path, "defines XML entities or includes other files", "write their content into this file"
-        ) from None
-    except (ParseError, ValueError, LookupError) as error:
-        raise InputError(path, f"is not XML ({error})", _REMEDY) from None
+    root = plain_xml(read_bytes(path, "check the path"), path, _REMEDY)
     if root.tag != "robot":
         raise InputError(path, f"begins with <{root.tag}>, not <robot>", _REMEDY)
     if any("xacro" in element.tag for element in root.iter() if isinstance(element.tag, str)):
@@ -142,55 +131,31 @@ def _read_geometry(
     links: dict[str, Element], world: dict[str, np.ndarray], of_link: dict[str, int], path: Path, folder: Path
 ) -> Skin:
     """The robot at zero angles; each vertex follows one joint."""
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]] = []
     for shown in ("visual", "collision"):
-        parts = []
-        for link, element in links.items():
+        for link, element in links.items() if not parts else ():
             for shape in element.findall(shown):
                 place = world[link] @ _origin(shape)
                 for vertex, face in _read_shapes(shape, path, folder):
-                    joint, weight = np.full((len(vertex), 1), of_link[link]), np.ones((len(vertex), 1))
-                    parts.append(Skin(vertex @ place[:3, :3].T + place[:3, 3], face, joint, weight))
-        if parts:
-            return joined_parts(parts)
-    raise InputError(path, "has no geometry", "give a robot with visual meshes")
+                    parts.append((vertex, face, place[:3, :3], place[:3, 3], of_link[link]))
+    return rigid_skin(parts, path)
 
 
 def _read_shapes(shape: Element, path: Path, folder: Path) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Vertices (n, 3) and triangles (m, 3) of a visual, in its own axes."""
-    import trimesh
-
     geometry = shape.find("geometry")
     for element in geometry if geometry is not None else ():
-        made: Any = None
         if element.tag == "box":
-            made = trimesh.creation.box(_numbers(element.get("size", ""), 3))
-        elif element.tag == "sphere":
-            made = trimesh.creation.icosphere(subdivisions=2, radius=_size(element, "radius"))
-        elif element.tag == "cylinder":
-            made = trimesh.creation.cylinder(_size(element, "radius"), _size(element, "length"), sections=24)
-        elif element.tag == "capsule":
-            made = trimesh.creation.capsule(_size(element, "length"), _size(element, "radius"), count=(12, 12))
+            yield solid("box", *_numbers(element.get("size", ""), 3))
+        elif element.tag in ("sphere", "cylinder", "capsule"):
+            named = ("radius", "length")[: 1 if element.tag == "sphere" else 2]
+            yield solid(element.tag, *(_numbers(element.get(name, ""), 1)[0] for name in named))
         elif element.tag == "mesh":
             scale = _numbers(element.get("scale", "1 1 1"), 3)
-            vertex, face = part_mesh(_mesh_file(element.get("filename", ""), path, folder), path)
+            vertex, face = part_mesh(named_file(element.get("filename", ""), path, folder), path)
             yield vertex * scale, face[:, ::-1] if np.prod(scale) < 0 else face
         else:
             raise ValueError(f"a shape is a <{element.tag}>, which is not known")
-        if made is not None:
-            yield np.asarray(made.vertices, float), np.asarray(made.faces, np.int64)
-
-
-def _mesh_file(name: str, path: Path, folder: Path) -> Path:
-    """The file in ``folder`` that ends as ``name`` does, by as many of its last parts as can be."""
-    root = folder.resolve()
-    parts = [part for part in PurePosixPath(name.partition("://")[2] or name).parts if part not in ("/", ".", "..")]
-    for first in range(len(parts)):
-        file = root.joinpath(*parts[first:])
-        if file.is_file():
-            if not file.resolve().is_relative_to(root):
-                break
-            return file
-    raise InputError(path, f"names the mesh '{name}', which is not in {folder}", "name its folder with --meshes")
 
 
 def _origin(element: Element) -> np.ndarray:
@@ -203,13 +168,6 @@ def _origin(element: Element) -> np.ndarray:
         matrix[:3, :3] = Rotation.from_euler("xyz", _numbers(origin.get("rpy", "0 0 0"), 3)).as_matrix()
         matrix[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3)
     return matrix
-
-
-def _size(element: Element, name: str) -> float:
-    size = float(_numbers(element.get(name, ""), 1)[0])
-    if size <= 0:
-        raise ValueError(f"a <{element.tag}> has a {name} of {size:g}")
-    return size
 
 
 def _numbers(text: str, count: int) -> np.ndarray:

@@ -71,7 +71,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     freedoms = []
     for joint, freedom in enumerate(derived):
         if joint == 0:
-            free = "" if mesh.rigid and _is_one_chain(mesh) else "xyz"
+            free = "" if mesh.rigid and not mesh.roams and _is_one_chain(mesh) else "xyz"
             freedoms.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
         elif joint in mesh.axes:
             how, limits = mesh.axes[joint], np.zeros((3, 2))

@@ -8,15 +8,13 @@ the two skeletons allow.
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Self
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.motion.amc import read_amc, with_markers
-from mmocap_warp.formats.motion.motion_clip import MotionClip, read_bvh
+from mmocap_warp.formats.motion.motion_clip import MotionClip
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.motion.limb_motion import Posture, leg_length, rest_place
 
@@ -36,39 +34,12 @@ _REACH = 1.3  # distance that the body may have from its place in the clip's mid
 _HALF_STRAIGHT = np.radians(3.0)  # knees stay bent by at least this
 
 
-def read_clip(path: str | Path, skeleton: str | Path | None = None, markers: str | Path | None = None) -> MotionClip:
-    """Read a ``.bvh``, or an ``.amc`` with its ``.asf`` and the ``.c3d`` of the same take.
-
-    The skeleton and the markers are as of :func:`~mmocap_warp.formats.motion.amc.read_amc` and ``with_markers`` there.
-
-    Raises:
-        InputError: another ending, or a file that is missing or wrong.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix == ".amc":
-        clip = read_amc(path, skeleton)
-        return clip if markers is None else with_markers(clip, markers)
-    if markers is not None or skeleton is not None:
-        raise InputError(path, "takes neither --skeleton nor --markers", "leave them out, or give an .amc file")
-    if suffix == ".bvh":
-        return read_bvh(path)
-    raise InputError(path, f"has the ending {suffix!r}, which no clip has", "give a .bvh or .amc file")
-
-
-@dataclass(frozen=True)
-class Retargeted:
-    """A clip's movement on a body, in body axes about the origin of the floor."""
-
-    poses: np.ndarray  # (frame, 51) full pose vectors
-    marker_names: tuple[str, ...]  # of the markers that the clip has
-    markers: np.ndarray  # (frame, marker, 3), the actor's, scaled and moved as the path is [m]; NaN where unseen
-
-
-def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) -> Retargeted:
+def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) -> np.ndarray:
     """The clip's movement on a body, at so many frames per second; errors name the clip's ``source``.
 
-    The part about the clip's middle frame is kept that stays within 1.3 m of where the body is then, and moved to the
-    origin, where the study's cameras see it.
+    The result is (frame, 51) full pose vectors in body axes about the origin of the floor. The part about the clip's
+    middle frame is kept that stays within 1.3 m of where the body is then, and moved to the origin, where the study's
+    cameras see it.
 
     Raises:
         InputError: a skeleton whose joints are not known by any of their usual names, or that does not rest upright.
@@ -99,9 +70,8 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
     # Angles within the limits, and the floor at zero.
     poses = np.clip(posture.poses, *body.skeleton.coordinate_limits.T)
     skin = ExactPoser(body, np.eye(3)).vertices(poses[:: max(1, len(poses) // 100)])
-    shift[1] = float(np.median(skin[..., 1].min(axis=1)))  # where the body stands in most frames
-    poses[:, 1] -= shift[1]
-    return Retargeted(poses, clip.marker_names, actor.markers * scale - shift)
+    poses[:, 1] -= float(np.median(skin[..., 1].min(axis=1)))  # where the body stands in most frames
+    return poses
 
 
 @dataclass(frozen=True)
@@ -112,7 +82,6 @@ class _Actor:
     rest: np.ndarray  # (joint, 3)
     place: np.ndarray  # (frame, joint, 3)
     rotation: dict[str, np.ndarray]  # (frame, 3, 3) of each joint, from the rest pose
-    markers: np.ndarray  # (frame, marker, 3)
 
     @classmethod
     def of(cls, clip: MotionClip, source: object) -> Self:
@@ -120,13 +89,12 @@ class _Actor:
         index = list(joints.values())
         axes = _rest_axes({name: clip.rest[j] for name, j in joints.items()}, source)
         rotation = {name: axes.T @ clip.rotation[:, j] @ axes for name, j in joints.items()}
-        markers = np.zeros((len(clip.place), 0, 3)) if clip.markers is None else clip.markers @ axes
-        return cls(tuple(joints), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation, markers)
+        return cls(tuple(joints), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation)
 
     def part(self, frames: slice) -> Self:
         """The same in some of the frames."""
         rotation = {name: turned[frames] for name, turned in self.rotation.items()}
-        return replace(self, place=self.place[frames], rotation=rotation, markers=self.markers[frames])
+        return replace(self, place=self.place[frames], rotation=rotation)
 
     @property
     def leg_length(self) -> float:

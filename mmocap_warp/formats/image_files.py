@@ -127,7 +127,7 @@ class WebmFile:
         file = self._unfinished.with_name(f"{self._unfinished.stem}.{self._groups}.ivf")
         self._encoded.append(self._pool.submit(_encoded, self._waiting, file))
         self._waiting, self._groups = [], self._groups + 1
-        self._append_encoded(self._threads)
+        self._append_encoded(max(1, self._threads - 1))  # the next group is drawn meanwhile
 
     def _append_encoded(self, most: int) -> None:
         """Append groups in their order, until no more than ``most`` are being encoded."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
@@ -32,6 +32,7 @@ from mmocap_warp.display.overlay import (
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import WebmFile, write_animation, write_png
 from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.scene.frame_choice import read_ahead
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
@@ -101,7 +102,7 @@ def show(
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(WebmFile(video, result.rate / slow)) if video else None
 
-        def drawn() -> Generator[np.ndarray | None, None, None]:
+        def drawn() -> Iterator[np.ndarray | None]:
             """Each frame of the video, where there is one; other drawings are put aside."""
             streams = _frames_in_step(result, images, *([seen for _, _, seen in people] or [masks]))
             for frame, (seen, *masked) in enumerate(streams):
@@ -116,7 +117,8 @@ def show(
                     strips.append(np.concatenate(parts, axis=1))
                 yield _video_frame(results, looks, frame, views, layout.columns) if writer else None
 
-        for frame, picture in enumerate(stack.enter_context(contextlib.closing(drawn()))):
+        # A frame is encoded while the next ones are drawn.
+        for frame, picture in enumerate(stack.enter_context(contextlib.closing(read_ahead(drawn())))):
             if writer and picture is not None:
                 writer.write(picture)
             if progress is not None:

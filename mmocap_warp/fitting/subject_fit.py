@@ -157,8 +157,8 @@ def _with_clip_bodies(
     task: _Task, clip: list[Observation], fps: float, subjects: list[Subject]
 ) -> list[tuple[Subject, float]]:
     """Each subject with the body of the frames that it can be followed through, and their contours' mean cost."""
-    count = min(len(subjects), task.threads) if task.device == "cpu" else 1
-    settings = TrackConfig(seed=task.config.seed, device=task.device, threads=-(-task.threads // count))
+    count, threads = task.at_a_time(len(subjects))
+    settings = TrackConfig(seed=task.config.seed, device=task.device, threads=threads)
     generic = replace(task.body, skeleton=task.generic.skeleton)
 
     def solved(subject: Subject) -> tuple[Subject, float]:
@@ -203,6 +203,11 @@ class _Task:
     def threads(self) -> int:
         return self.config.threads or available_threads()
 
+    def at_a_time(self, most: int) -> tuple[int, int]:
+        """How many of ``most`` pieces of work are done at a time, and with how many threads each; one on a GPU."""
+        count = min(most, self.threads) if self.device == "cpu" else 1
+        return count, -(-self.threads // count)
+
     def subject(self, guess: Guess, found: dict[str, str | float | int]) -> Subject:
         """A guess with its provenance."""
         settings = {f"fit.{name}": value for name, value in asdict(self.config).items() if value is not None}
@@ -217,8 +222,8 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     seen = FirstFrame(task.rig, observation, config.seed, task.device, task.threads)
     patience = 1 if task.body_is_given else PATIENCE
     frame = FrameFit(task.space, seen, patience)
-    count = min(_FITS, task.threads) if task.device == "cpu" else 1
-    alone = replace(seen, threads=-(-task.threads // count))
+    count, threads = task.at_a_time(_FITS)
+    alone = replace(seen, threads=threads)
     fits = [frame, *(FrameFit(task.space, alone, patience) for _ in range(count - 1))]
     guesses = sorted(by_turns(fits, FrameFit.polished, _headings(task, seen)), key=_cost)
     task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)

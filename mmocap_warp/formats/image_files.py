@@ -131,9 +131,10 @@ def _write_webm(path: Path, frames: Iterable[bytes], size: tuple[int, int], fps:
     video.release()
     with path.open("r+b") as file:
         head = file.read(_HEAD)
-        number = head.find(_TRACK_NUMBER) + len(_TRACK_NUMBER)
-        file.seek(0)
-        file.write(head.replace(head[number : number + 8], bytes(7) + b"\1"))  # OpenCV's is random
+        if _TRACK_NUMBER in head:  # OpenCV's is random
+            number = head.index(_TRACK_NUMBER) + len(_TRACK_NUMBER)
+            file.seek(0)
+            file.write(head.replace(head[number : number + 8], bytes(7) + b"\1"))
     start = head.find(_SEGMENT) + 12
     length = int.from_bytes(head[start - 8 : start], "big") & (1 << 56) - 1
     return count if path.stat().st_size == start + length else 0

@@ -34,9 +34,8 @@ BANDS = 64
 _BANDS = wp.constant(BANDS)
 _LANES = 512  # lanes of a block: one block has a view, and its steps wait for each other
 _COUNTERS = wp.constant(_LANES)  # where a block's counters for the bands begin, behind its lanes' own words
-_PROBE = wp.constant(
-    0.75
-)  # an edge is probed so far outside [px]: rounding moves a contour less, and all that is seen is larger
+PROBE = wp.constant(0.75)
+"""An edge is probed so far outside [px]: rounding moves a contour less, and all that is seen is larger."""
 
 
 @wp.struct
@@ -58,7 +57,7 @@ class Outline:
     late: wp.array2d[wp.float32]  # (candidate, camera) by how much a late view moves with its pose; 0 for one in time
     image: wp.array3d[wp.vec3]  # (candidate, camera, vertex) x, y [px], depth [m]
     facing: wp.array3d[wp.uint8]  # (candidate, camera, face) whether it faces the camera
-    found: wp.array3d[wp.int32]  # (candidate, camera, edge) by the lane that found them, on their way to ``ends``
+    found: wp.array3d[wp.int32]  # (candidate, camera, edge) on their way to ``ends``; then see :func:`on_outline`
     count: wp.array2d[wp.int32]  # (candidate, camera) contour edges
     ends: wp.array3d[wp.vec2i]  # (candidate, camera, contour edge) vertices; the body is on the left as one sees it
     room: int  # for lines: contour edges, as often as there are bands that they lie in
@@ -70,14 +69,7 @@ class Outline:
 
 @wp.func_native(_native("project", NEAR=NEAR))
 def _project(
-    posed: wp.array2d[wp.vec3],
-    c: int,
-    count: int,
-    camera: Pinhole,
-    image: wp.array3d[wp.vec3],
-    vertices: int,
-    lane: int,
-    lanes: int,
+    posed: wp.array2d[wp.vec3], outline: Outline, camera: Pinhole, c: int, k: int, lane: int, lanes: int
 ) -> int:
     """Image coordinates and depths of a lane's vertices, and how many are not before the camera.
 
@@ -88,23 +80,16 @@ def _project(
 
 @wp.func
 def _project_moving(
-    posed: wp.array2d[wp.vec3],
-    moving: Moving,
-    late: float,
-    c: int,
-    k: int,
-    camera: Pinhole,
-    image: wp.array3d[wp.vec3],
-    lane: int,
-    lanes: int,
+    posed: wp.array2d[wp.vec3], moving: Moving, outline: Outline, camera: Pinhole, c: int, k: int, lane: int, lanes: int
 ) -> int:
     """As :func:`_project`, for a view that is late."""
+    late = moving.late[moving.frame[c], k]
     behind = int(0)
     for v in range(lane, posed.shape[1], lanes):
         p = into_camera(seen_at(posed, moving, late, c, v), camera)
         share = 1.0 / wp.max(p[2], NEAR)
         x = camera.lens[0] * p[0] * share + camera.lens[2]
-        image[c, k, v] = wp.vec3(x, camera.lens[1] * p[1] * share + camera.lens[3], p[2])
+        outline.image[c, k, v] = wp.vec3(x, camera.lens[1] * p[1] * share + camera.lens[3], p[2])
         behind += wp.where(p[2] < NEAR, 1, 0)
     return behind
 
@@ -126,7 +111,7 @@ def _band_of(y: float, height: int) -> int:
 # only.
 @wp.func_native(_native("turns_around"))
 def _turns_around(line: wp.array[wp.float32], first: int, room: int, begin: int, end: int, x: float, y: float) -> int:
-    """How often contours wind around a point: in plain C, because compilers turn this loop into vectors."""
+    """How often contours wind around a point."""
     ...
 
 
@@ -136,7 +121,7 @@ def is_outline(outline: Outline, c: int, k: int, height: int, middle: wp.vec2, o
 
     The image has ``height`` rows, and the middle is in it.
     """
-    probe = middle + _PROBE * outward
+    probe = middle + PROBE * outward
     first = line_start(outline, c, k)
     band = _band_of(probe[1], height)
     begin = outline.band[c, k, band]
@@ -147,16 +132,17 @@ def is_outline(outline: Outline, c: int, k: int, height: int, middle: wp.vec2, o
     return _turns_around(outline.line, first, outline.room, begin, end, probe[0], probe[1]) == 0
 
 
+@wp.func_native(_native("on_outline", BANDS=BANDS, PROBE=PROBE))
+def on_outline(outline: Outline, c: int, k: int, image: wp.vec2i, rim: float) -> int:
+    """As :func:`is_outline`, on a CPU: how many of a view's contour edges pass; they are the first in ``found``.
+
+    Edges of no length, and those within the ``rim`` [px] of an ``image`` of some size, do not pass.
+    """
+    ...
+
+
 @wp.func_native(_native("face_camera"))
-def _face_camera(
-    face: wp.array[wp.vec3i],
-    image: wp.array3d[wp.vec3],
-    vertices: int,
-    facing: wp.array3d[wp.uint8],
-    faces: int,
-    lane: int,
-    lanes: int,
-) -> None:
+def _face_camera(face: wp.array[wp.vec3i], outline: Outline, c: int, k: int, lane: int, lanes: int) -> None:
     """Which triangles of a view face the camera: their area in the image is negative, because y goes down."""
     ...
 
@@ -165,15 +151,7 @@ def _face_camera(
 # not: that needs no branch. It belongs to the contour if one of its two triangles faces the camera and the other does
 # not.
 @wp.func_native(_native("find_share"))
-def _find_share(
-    edge: wp.array[wp.vec4i],
-    facing: wp.array3d[wp.uint8],
-    faces: int,
-    found: wp.array3d[wp.int32],
-    edges: int,
-    first: int,
-    end: int,
-) -> int:
+def _find_share(edge: wp.array[wp.vec4i], outline: Outline, c: int, k: int, first: int, end: int) -> int:
     """Find the contour edges among a lane's share of all; those whose left triangle is hidden as ``-1 - edge``."""
     ...
 
@@ -250,6 +228,12 @@ def _sort_lines(
             _write_line(outline, c, k, s, s)
 
 
+@wp.func_native(_native("sort_lines", BANDS=BANDS))
+def _sort_lines_alone(outline: Outline, c: int, k: int, count: int, height: int) -> None:
+    """As :func:`_sort_lines`, by the one lane of a CPU's block."""
+    ...
+
+
 @wp.kernel
 def _find_contours(
     edges: Edges,
@@ -269,25 +253,22 @@ def _find_contours(
         numbers[0] = 0
     sync()
     camera = pinhole(views, k)
-    view = c * outline.count.shape[1] + k
-    vertices = view * posed.shape[1]
     late = moving.late[moving.frame[c], k]
     behind = int(0)
     if late == 0.0:
-        behind = _project(posed, c, posed.shape[1], camera, outline.image, vertices, lane, lanes)
+        behind = _project(posed, outline, camera, c, k, lane, lanes)
     else:
-        behind = _project_moving(posed, moving, late, c, k, camera, outline.image, lane, lanes)
+        behind = _project_moving(posed, moving, outline, camera, c, k, lane, lanes)
     if behind > 0:
         wp.atomic_add(numbers, 0, behind)
     sync()
     # Once a triangle and not at each of its edges: roundings must not open a contour at a triangle seen from its side.
-    faces = view * edges.face.shape[0]
-    _face_camera(edges.face, outline.image, vertices, outline.facing, faces, lane, lanes)
+    _face_camera(edges.face, outline, c, k, lane, lanes)
     sync()
     total = edges.edge.shape[0]
     first = lane * total // lanes
     end = (lane + 1) * total // lanes
-    found = _find_share(edges.edge, outline.facing, faces, outline.found, view * total, first, end)
+    found = _find_share(edges.edge, outline, c, k, first, end)
     words[lane] = wp.uint32(found)
     sync()
     before = int(0)
@@ -304,7 +285,11 @@ def _find_contours(
         for i in range(found):
             _keep(edges, outline, c, k, outline.found[c, k, first + i], before + i)
         sync()
-        _sort_lines(outline, c, k, all, views.size[k][1], words, lane, lanes)
+        height = views.size[k][1]
+        if lanes > 1:
+            _sort_lines(outline, c, k, all, height, words, lane, lanes)
+        else:
+            _sort_lines_alone(outline, c, k, all, height)
 
 
 def find_contours(

@@ -9,7 +9,7 @@ small and large images mean the same.
 import warp as wp
 
 from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, Batch, lanes_of
-from mmocap_warp.kernels.contour.outline import Outline, is_outline
+from mmocap_warp.kernels.contour.outline import Outline, is_outline, on_outline
 from mmocap_warp.kernels.launching import launch
 from mmocap_warp.kernels.views.projection import Views
 
@@ -163,6 +163,16 @@ def _find_residuals(
     for s in range(lane, outline.count[c, k], lanes):
         residuals.weighted[c, k, s] = wp.vec2(0.0, 0.0)
         residuals.tally[c, k, s] = wp.vec4(0.0, 0.0, 0.0, 0.0)
+    if box[2] <= 0:
+        return
+    alone = lanes == 1
+    edges = outline.count[c, k]
+    if alone:
+        edges = on_outline(outline, c, k, size, _BORDER)
+    for i in range(lane, edges, lanes):
+        s = i
+        if alone:
+            s = outline.found[c, k, i]
         ends = outline.ends[c, k, s]
         a = outline.image[c, k, ends[0]]
         b = outline.image[c, k, ends[1]]
@@ -175,9 +185,9 @@ def _find_residuals(
             and middle[0] < float(size[0] - 1) - _BORDER
             and middle[1] < float(size[1] - 1) - _BORDER
         )
-        if box[2] > 0 and inside and length > 1.0e-6:
+        if alone or (inside and length > 1.0e-6):
             normal = wp.vec2(-along[1], along[0]) / length
-            if is_outline(outline, c, k, size[1], middle, normal):
+            if alone or is_outline(outline, c, k, size[1], middle, normal):
                 px = 2.0 * views.lens[k][0] / (a[2] + b[2])  # of a metre at the edge
                 reach = matching.reach * px
                 corner = matching.huber * px

@@ -12,11 +12,12 @@ from synthetic import ring_rig, synthetic_body, synthetic_subject
 from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.kernels.block import batch_of
-from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours, is_outline
+from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours, is_outline, on_outline
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.masks.observation import make_views
 
 PROBE = 0.75  # px outside an edge
+RIM = 30.0  # px of an image, for a test
 BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot()}
 
 
@@ -31,6 +32,12 @@ def _ask(
     c, k, s = wp.tid()
     if s < outline.count[c, k]:
         answer[c, k, s] = wp.where(is_outline(outline, c, k, height, middle[c, k, s], normal[c, k, s]), 1, 0)
+
+
+@wp.kernel
+def _ask_at_once(outline: Outline, size: wp.vec2i, rim: float, number: wp.array2d[wp.int32]):
+    c, k = wp.tid()
+    number[c, k] = on_outline(outline, c, k, size, rim)
 
 
 def of_body(name: str, device: str, candidates: int = 3, **more) -> Contours:
@@ -123,6 +130,9 @@ def test_outline_is_what_no_triangle_covers(device, name, bands):
     answer = wp.full(shape, -1, dtype=wp.int32, device=device)
     inputs = [wp.array(values, dtype=wp.vec2, device=device) for values in (middle, outward)]
     wp.launch(_ask, dim=shape, inputs=[case.outline, 120, *inputs], outputs=[answer], device=device)
+    number = wp.zeros(shape[:2], dtype=wp.int32, device=device)
+    if device == "cpu":
+        wp.launch(_ask_at_once, dim=shape[:2], inputs=[case.outline, wp.vec2i(160, 120), RIM], outputs=[number])
     for c, k in np.ndindex(*shape[:2]):
         count = case.outline.count.numpy()[c, k]
         probe = (middle + PROBE * outward)[c, k, :count]
@@ -132,6 +142,13 @@ def test_outline_is_what_no_triangle_covers(device, name, bands):
         assert (visible == (depth < 0))[clear].all()
         assert clear.mean() > 0.95
         assert 0.1 < visible.mean() < 1.0
+        if device == "cpu":  # there all edges of a view are asked at once
+            at = case.outline.found.numpy()[c, k, : number.numpy()[c, k]]
+            assert (np.diff(at) > 0).all()
+            inside = ((middle[c, k, :count] > RIM) & (middle[c, k, :count] < (159 - RIM, 119 - RIM))).all(axis=1)
+            length = np.linalg.norm(outward[c, k, :count], axis=1)
+            passed = np.isin(np.arange(count), at)
+            assert (passed == (visible & inside & (length > 0.5)))[clear].all()
 
 
 def test_a_view_with_a_vertex_behind_the_camera_has_no_contour(device):

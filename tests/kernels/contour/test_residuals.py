@@ -67,7 +67,7 @@ class Planted:
     ):
         n, size = len(polygons), max(map(len, polygons))
         rig = flat_rig()
-        self.outline = poisoned_outline(n, 1, size, (size, 1, 1), device, bands=1.0)
+        self.outline = poisoned_outline(n, 1, size, (size, 1, size), device, bands=1.0)
         self.outline.band.assign(np.tile(np.arange(BANDS + 1)[::-1], (n, 1, 1)).astype(np.int32))  # not sorted
         image, ends, line = (
             np.full((n, 1, size, 3), np.nan),
@@ -105,6 +105,13 @@ class Planted:
 
     def tally(self, c: int = 0) -> np.ndarray:
         return self.residuals.tally.numpy()[c, 0, : self.counts[c]]
+
+
+def test_many_edges_are_matched_as_few_are(device):
+    """A CPU looks at 512 of them at a time."""
+    many = Planted([circle(40.0, n=1300)], [disc(43.3)], device, huber=1.0)
+    assert (many.weight() > 0).all()
+    assert many.residual().mean() == pytest.approx(3.3, abs=RECOVERED)
 
 
 @pytest.mark.parametrize("offset", [-9.0, -2.5, -0.4, 0.0, 0.4, 3.3, 8.0])

@@ -24,6 +24,12 @@
         turns += ((start_y[i] <= y) - (end_y[i] <= y)) * (start_x[i] + (y - start_y[i]) * slope[i] < x);
     return turns;
 
+// ==== band_of
+    const auto band_of = [&](float y) {  // as in outline.py: what meets is in one band only if all say so alike
+        const float band = y * bands / rows;
+        return band < 0.0f ? 0 : band < bands - 1.0f ? (int)band : (int)bands - 1;
+    };
+
 // ==== on_outline
     int number = 0;
 #if !defined(__CUDA_ARCH__)
@@ -34,10 +40,11 @@
     const int view = c * outline.count.shape[1] + k, count = outline.count.data[view], room = outline.room;
     const wp::vec2i* edge = outline.ends.data + view * outline.ends.shape[2];
     const wp::vec3* place = outline.image.data + view * outline.image.shape[2];
-    const int* bands = outline.band.data + view * (${BANDS} + 1);
+    const int* start = outline.band.data + view * (${BANDS} + 1);
     const float *start_x = outline.line.data + view * 4 * room, *start_y = start_x + room, *end_y = start_y + room;
-    const float *slope = end_y + room, rows = image[1], right = image[0] - 1, bottom = image[1] - 1;
+    const float *slope = end_y + room, bands = ${BANDS}, rows = image[1], right = image[0] - 1, bottom = image[1] - 1;
     int* kept = outline.found.data + view * outline.found.shape[2];
+${band_of}
     for (int from = 0; from < count; from += most) {
         const int some = count - from < most ? count - from : most;
         float probe_x[most], probe_y[most], x[most + wide], y[most + wide];
@@ -49,13 +56,11 @@
             const float length = wp::length(along);
             const wp::vec2 out = wp::mul(${PROBE}f, wp::div(wp::vec2(-along[1], along[0]), length));
             const wp::vec2 probe = wp::add(middle, out);
-            const float part = probe[1] * ${BANDS}.0f / rows;
-            const int within = part < 0.0f ? 0 : part < ${BANDS}.0f - 1.0f ? (int)part : ${BANDS} - 1;
             const bool usable = length > 1.0e-6f && middle[0] > rim && middle[1] > rim && middle[0] < right - rim
                 && middle[1] < bottom - rim;
             probe_x[i] = probe[0];
             probe_y[i] = probe[1];
-            in[i] = usable ? within : ${BANDS};
+            in[i] = usable ? band_of(probe[1]) : ${BANDS};
         }
         for (int i = 0; i < some; ++i)
             ++next[in[i] + 1];
@@ -69,8 +74,8 @@
         }
         // Now ``next`` has where each band's probes end.
         for (int b = 0, first = 0; b < ${BANDS}; first = next[b++]) {
-            const bool sorted = bands[b] <= bands[b + 1];
-            const int begin = sorted ? bands[b] : 0, end = sorted ? bands[b + 1] : count;
+            const bool sorted = start[b] <= start[b + 1];
+            const int begin = sorted ? start[b] : 0, end = sorted ? start[b + 1] : count;
             for (int i = first; i < next[b]; i += wide) {
                 const Floats px = *(const Floats*)(x + i), py = *(const Floats*)(y + i);
                 Ints turns = 0;
@@ -113,18 +118,15 @@
 // ==== sort_lines
 #if !defined(__CUDA_ARCH__)
     const int view = c * outline.count.shape[1] + k, room = outline.room;
-    const float rows = height;
+    const float bands = ${BANDS}, rows = height;
     int* begin = outline.band.data + view * (${BANDS} + 1);
-    int* reach = outline.found.data + view * outline.found.shape[2];  // first and last band, since ``ends`` has the edges
+    int* reach = outline.found.data + view * outline.found.shape[2];  // bands: ``ends`` has the edges
     const wp::vec2i* end = outline.ends.data + view * outline.ends.shape[2];
     const wp::vec3* place = outline.image.data + view * outline.image.shape[2];
+${band_of}
     for (int s = 0; s < count; ++s) {
-        const float one = place[end[s][0]][1] * ${BANDS}.0f / rows;
-        const float other = place[end[s][1]][1] * ${BANDS}.0f / rows;
-        const float low = one < other ? one : other, high = one < other ? other : one;
-        const int first = low < 0.0f ? 0 : low < ${BANDS}.0f - 1.0f ? (int)low : ${BANDS} - 1;
-        const int last = high < 0.0f ? 0 : high < ${BANDS}.0f - 1.0f ? (int)high : ${BANDS} - 1;
-        reach[s] = first | last << 16;
+        const int one = band_of(place[end[s][0]][1]), other = band_of(place[end[s][1]][1]);
+        reach[s] = one < other ? one | other << 16 : other | one << 16;
     }
     int next[${BANDS}] = {}, total = 0;
     for (int s = 0; s < count; ++s)

@@ -165,7 +165,7 @@ def _find_residuals(
         residuals.tally[c, k, s] = wp.vec4(0.0, 0.0, 0.0, 0.0)
     if box[2] <= 0:
         return
-    alone = lanes == 1
+    alone = lanes == 1  # on a CPU, which is faster by judging all edges first
     edges = outline.count[c, k]
     if alone:
         edges = on_outline(outline, c, k, size, _BORDER)

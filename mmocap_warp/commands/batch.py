@@ -19,7 +19,10 @@ from typing import Any
 from urllib.parse import quote
 
 import cv2
+import numpy as np
 
+from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.commands import evaluate, mask, show, track
 from mmocap_warp.commands.caller import Reporter, arguments_checked, engine_of, start_warp
 from mmocap_warp.commands.outputs import lock, releases_locks
@@ -47,7 +50,8 @@ from mmocap_warp.whole_file import file_name, read_text, write_whole
 STEPS = ("mask", "fit", "track", "eval", "view")
 """The steps, in their order; before view there may be ``export:ENDING``."""
 
-_FITTED = 3  # trials of a person that are fitted; the one whose masks its fit explains best gives the body
+_FITTED = 3  # trials of a person that are fitted, and give the body together
+_FAILED = 1.5  # times as much as the best of these a fit costs that has gone wrong
 _KNOWN = {"rigid": True, "headings": 4, "evaluations": 300, "finalists": 1}  # a known body is found with less
 _SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
     kind: {each.name for each in fields(config)} - {"device", "threads"}
@@ -125,19 +129,18 @@ class TrialWorker:
             yield Refusal(" ".join(str(error).split()))
 
     def _fitted(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
-        """Write the body of a person: that of the recording whose masks a fit explains best, of those that can be."""
-        fits, problems = {}, []
+        """Write the body of a person: the mean of what some recordings show, of which one alone shows too little."""
+        fits, problems = [], []
         for number, scene in enumerate(job.scenes):
             yield Advance("fit", number, len(job.scenes), 0)
             try:
-                fits[str(scene)] = track.fit(scene, **self._where | job.settings["fit"])
+                fits.append(track.fit(scene, **self._where | job.settings["fit"]))
             except InputError as error:
                 problems.append(error)
         if not fits:
             raise problems[0]
-        best = min(fits, key=lambda scene: float(fits[scene].provenance["fit.cost"]))
-        write_body(job.folder / "body.usdc", fits[best].body)
-        yield {"name": job.name, "scene": best}
+        write_body(job.folder / "body.usdc", _mean_body(fits))
+        yield {"name": job.name}
 
     def _done(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
         notes, started, settings, steps = _Notes(), time.perf_counter(), job.settings, dict[str, float]()
@@ -171,6 +174,16 @@ class TrialWorker:
                 record["thumbnail"] = _thumbnail(read_result(result), scene)
             steps[step] = time.perf_counter() - begun
         yield record | {"seconds": time.perf_counter() - started}
+
+
+def _mean_body(fits: Sequence[Subject]) -> BodyModel:
+    """The mean of fitted bodies that are alike, without those whose fit has failed."""
+    cost = [float(fit.provenance["fit.cost"]) for fit in fits]
+    space, found = RestSpace(fits[int(np.argmin(cost))].body), []
+    for fit, its in zip(fits, cost, strict=True):
+        with suppress(ValueError):  # has other joints: something is carried in some recordings
+            found += [space.nearest(fit.body)] if its <= _FAILED * min(cost) else []
+    return space.model(np.mean(found, axis=0))
 
 
 def _thumbnail(result: Result, scene: Scene) -> str:

@@ -77,6 +77,7 @@ def follow(request, tmp_path) -> Callable[[str], Recipe]:
     return alone
 
 
+@pytest.mark.nightly
 def test_the_suite_passes_where_all_recipes_are_applied(changed_by_all: Path) -> None:
     tests = dict.fromkeys(name for names in TESTS.values() for name in names)
     assert " passed" in Recipe("An optimizer", changed_by_all).run("pytest", *EVERY_RECIPE, *tests)

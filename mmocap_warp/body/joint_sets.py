@@ -13,7 +13,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser, blocks, skin_positions
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.whole_file import read_text
 
@@ -112,10 +112,8 @@ def parse_joint_set(text: str, body: BodyModel, source: str | Path) -> JointSet:
     Raises:
         InputError: it is no such table, or it names a joint or a vertex that the body lacks.
     """
-    try:
+    with input_errors(source, "is not valid TOML: {error}", "correct that line", ValueError, RecursionError):
         table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
-        raise InputError(source, f"is not valid TOML: {error}", "correct that line") from None
     landmarks, points, vertices = (table.get(key, {}) for key in ("landmarks", "joints", "vertices"))
     count = len(body.skin.rest)
     if vertices not in ({}, count):

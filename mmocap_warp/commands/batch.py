@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -30,7 +31,7 @@ from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.display.page.viewer import filled, resource
 from mmocap_warp.display.result_video import overlay
-from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.errors import InputError, UsageError, input_errors
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
 from mmocap_warp.formats.toml_table import Table, load_toml
@@ -60,6 +61,7 @@ _SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
 _COLUMNS = {"frames": "", "mean_iou": ".3f", "worst_iou": ".3f", "trusted": ".0%", "mpjpe_mm": ".1f"}
 _COLUMNS |= {"marker_error_mm": ".1f"}  # of the page, with their formats
 _FIGURES = [name for name in _COLUMNS if name not in ("frames", "trusted")]  # of an evaluation
+_MPS = Path(os.environ.get("CUDA_MPS_PIPE_DIRECTORY", "/tmp/nvidia-mps"), "nvidia-cuda-mps-control.pid")  # if it runs
 _MANY = 64  # scenes that are not read one after the other
 _THUMBNAIL = 320  # longer side [px]
 
@@ -90,10 +92,8 @@ class TrialTask(Task):
 
     def check(self) -> dict[str, Any]:
         """What was done; an InputError if that is damaged."""
-        try:
+        with input_errors(self.path, "is damaged ({error})", "run the batch again", ValueError):
             return dict(json.loads(read_text(self.path, "run the batch again")))
-        except ValueError as error:
-            raise InputError(self.path, f"is damaged ({error})", "run the batch again") from None
 
     def store(self, result: dict[str, Any]) -> None:
         """See :class:`~mmocap_warp.jobs.job_run.Task`."""
@@ -254,7 +254,10 @@ def batch(
     start_warp()
     if engine == "local" and workers is not None:
         with arguments_checked():
-            device = ",".join(islice(cycle(local_devices(device)), workers))
+            own = local_devices(device)
+        if own[0] != "cpu" and workers > len(own) and not _MPS.exists():
+            reporter.note("workers take turns on a GPU; started once, 'nvidia-cuda-mps-control -d' lets them share it")
+        device = ",".join(islice(cycle(own), workers))
         threads = threads or max(1, available_threads() // workers)
     kind, start = engine_of(TrialWorker, engine, device, threads, address, workers, gpus)
     folder.mkdir(parents=True, exist_ok=True)

@@ -13,8 +13,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-import cv2
-
+from mmocap_warp.device.cores import work_beside_others
 from mmocap_warp.device.resolve import device_kind, resolve_device, start_quietly
 from mmocap_warp.jobs.engine import LESS_MEMORY, Death, Engine, EngineLost, MakeWorker, Ready, Seat, one_line
 
@@ -131,8 +130,7 @@ def serve_jobs(make: MakeWorker, connection: Connection, device: str, threads: i
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     threading.Thread(target=_end_with_parent, daemon=True).start()
     start_quietly()
-    if threads:
-        cv2.setNumThreads(threads)  # else each worker's OpenCV takes every core
+    work_beside_others(threads)
     worker = make(device, threads)
     connection.send(Ready(device))
     with suppress(EOFError, OSError):  # the parent is gone

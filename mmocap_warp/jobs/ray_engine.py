@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from mmocap_warp.device.cores import work_beside_others
 from mmocap_warp.errors import InputError
 from mmocap_warp.jobs import engine
 
@@ -94,6 +95,7 @@ class _Actor:
 
     def __init__(self, make: engine.MakeWorker, shares: Shares) -> None:
         device = "cuda:0" if shares.gpus else "cpu"  # Ray shows a worker no GPU but its own
+        work_beside_others(shares.cpus)
         self._worker = make(device, shares.cpus)
 
     def name(self) -> str:

@@ -2,11 +2,11 @@
 
 import re
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
-from typing import Protocol, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 from mmocap_warp.masks.frames import VideoFile
 
@@ -96,9 +96,12 @@ def frames_by_number(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) 
         yield image
 
 
-def read_together(streams: Sequence[Iterator[Image]], pool: Executor) -> Iterator[list[Image]]:
-    """What streams of one length yield, an item of each at a time, read at once; they are read to their ends."""
-    while all(items := list(pool.map(lambda stream: list(islice(stream, 1)), streams))):
+def read_together(streams: Sequence[Iterator[Image]], each: Callable[..., Iterator[Any]]) -> Iterator[list[Image]]:
+    """What streams of one length yield, an item of each at a time; they are read to their ends.
+
+    They are read one after the other if ``each`` is :class:`map`, and at once by that of a pool of threads.
+    """
+    while all(items := list(each(lambda stream: list(islice(stream, 1)), streams))):
         yield [item for (item,) in items]
 
 

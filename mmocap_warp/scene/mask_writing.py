@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import input_errors
 from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import WebmFile, write_png
@@ -60,11 +60,9 @@ def write_masks(
     rig = scene.rig(scale)
     folders = [folder / file_name(name, scene.path) for name in rig.names]
     about = masked_scene(scene, folder, scale).encode()  # refuses names that it cannot hold, before any work
-    try:
+    with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
         for each in folders:
             each.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, each in enumerate(folders):  # before any mask, so that none is ever without
         mask_mark(scene, k, scale, repaired=bool(make_consistent)).write(each)

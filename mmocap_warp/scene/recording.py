@@ -269,17 +269,18 @@ class Scene:
         kept: list[np.ndarray] = empty
         count = min(len(empty), available_threads())  # OpenCV lets other threads run
         with ExitStack() as stack:
-            pool, reading = (stack.enter_context(ThreadPoolExecutor(count)) for _ in range(2))
+            pools = [stack.enter_context(ThreadPoolExecutor(count)) for _ in range(2)]
+            keeping, reading = (pool.map if count > 1 else map for pool in pools)  # an idle pool has no thread
             streams = read_together([mended(k) for k in range(len(empty))], reading)
             ahead = stack.enter_context(closing(read_ahead(streams)))
             for frame, seen in zip(read, ahead, strict=True):
                 if frame not in followed:
                     continue
                 last = kept if body is None else body()
-                each = map if self.foreground.keep == "all" else pool.map  # then nothing is left to be done
+                each = map if self.foreground.keep == "all" else keeping  # then nothing is left to be done
                 kept = list(each(keep, (mask for mask, _ in seen), empty, range(len(empty))))
                 if frame in wanted:
-                    repaired = repair_masks(rig, kept, pool.map) if self.foreground.repair else kept
+                    repaired = repair_masks(rig, kept, keeping) if self.foreground.repair else kept
                     yield repaired, [in_front for _, in_front in seen]
 
     def _raw_masks(

@@ -11,7 +11,7 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import input_errors
 from mmocap_warp.formats.usd.usd_result import read_result, write_result
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.streaming.senders import Packet
@@ -38,10 +38,8 @@ class GrowingResult:
             frame = packet.answer
             status = [STATUS.index(each) for each in frame.status]
             record = np.array((frame.number, frame.pose, frame.raw_pose, frame.iou, status), self._kind)
-            try:
+            with input_errors(self._path, "cannot grow ({error})", "make room", OSError):
                 self._file.write(record.tobytes())
-            except OSError as error:
-                raise InputError(self._path, f"cannot grow ({error})", "make room") from None
 
     def close(self) -> None:
         """Make the result whole."""

@@ -19,7 +19,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.display.chart import COLOURS, colour_rules
 from mmocap_warp.display.page.page_content import body_content
 from mmocap_warp.display.page.viewer import embedded, filled, resource
-from mmocap_warp.errors import InputError, UsageError, missing_package
+from mmocap_warp.errors import InputError, UsageError, input_errors, missing_package
 from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
 from mmocap_warp.result.excerpt import quarter_turn
 from mmocap_warp.tracking.live import LiveFrame
@@ -103,10 +103,8 @@ class _Zmq:
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.PUB)
         self._socket.set_hwm(_UNSENT)
-        try:
+        with input_errors(address, "cannot be opened ({error})", "choose another port", zmq.ZMQError):
             self._socket.bind(address)
-        except zmq.ZMQError as error:
-            raise InputError(address, f"cannot be opened ({error})", "choose another port") from None
 
     def send(self, packet: Packet) -> None:
         self._socket.send_string(packet.json)

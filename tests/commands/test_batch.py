@@ -186,6 +186,28 @@ def test_a_person_is_fitted_once_and_tracked_in_every_recording(fitted, size, ma
     np.testing.assert_allclose(mm.load_body(body).joint_rest, size * subject.body.joint_rest, atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("devices", "running", "noted"),
+    [
+        (["cuda:0"], False, True),
+        (["cuda:0"], True, False),
+        (["cuda:0", "cuda:1"], False, False),
+        (["cpu"], False, False),
+    ],
+)
+def test_workers_that_take_turns_on_a_gpu_are_noted(devices, running, noted, made, here, tmp_path, monkeypatch):
+    mark = tmp_path / "nvidia-cuda-mps-control.pid"
+    if running:
+        mark.touch()
+    monkeypatch.setattr(module, "_MPS", mark)
+    monkeypatch.setattr(module, "local_devices", lambda _: devices)
+    notes = []
+    reporter = mm.Reporter()
+    reporter.note = notes.append
+    mm.batch([made / "b"], tmp_path / "out", steps="fit", workers=2, reporter=reporter)
+    assert any("nvidia-cuda-mps-control -d" in note for note in notes) == noted
+
+
 @pytest.mark.nightly
 def test_killed_it_goes_on_and_ends_with_the_same_files(made, whole, tmp_path):
     output, reference = tmp_path / "out", whole[0]

@@ -10,7 +10,8 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.scene.frame_choice import read_together
 
 
-def test_streams_are_read_abreast_to_their_ends():
+@pytest.mark.parametrize("at_once", [True, False])
+def test_streams_are_read_abreast_to_their_ends(at_once):
     ended = []
 
     def stream(k: int):
@@ -18,7 +19,8 @@ def test_streams_are_read_abreast_to_their_ends():
         ended.append(k)
 
     with ThreadPoolExecutor(2) as pool:
-        assert list(read_together([stream(k) for k in range(3)], pool)) == [[0, 10, 20], [None] * 3, [2, 12, 22]]
+        each = pool.map if at_once else map
+        assert list(read_together([stream(k) for k in range(3)], each)) == [[0, 10, 20], [None] * 3, [2, 12, 22]]
     assert sorted(ended) == [0, 1, 2]
 
 
@@ -28,7 +30,7 @@ def test_the_first_streams_error_is_told():
         raise InputError(f"camera{k}.png", "is damaged", "replace it")
 
     with ThreadPoolExecutor(2) as pool:
-        together = read_together([broken(0), broken(1)], pool)
+        together = read_together([broken(0), broken(1)], pool.map)
         assert next(together) == [0, 1]
         with pytest.raises(InputError, match="camera0"):
             next(together)

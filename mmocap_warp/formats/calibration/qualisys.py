@@ -9,7 +9,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES, Sizes
 from mmocap_warp.whole_file import read_bytes
 
@@ -26,10 +26,9 @@ def read_qualisys(path: str | Path, units: str | None = None, up: str = "+z", si
     ``R = diag(1, -1, -1) [[r11 r12 r13] ..]`` and ``x_cam = R (X - position / 1000)``.
     """
     data = read_bytes(path, "give a .qca.txt file", most=MOST_BYTES)
-    try:
+    kinds = ParseError, DefusedXmlException, ValueError
+    with input_errors(path, "is not valid XML: {error}", "export the calibration again", *kinds):
         root = fromstring(data)
-    except (ParseError, DefusedXmlException, ValueError) as error:
-        raise InputError(path, f"is not valid XML: {error}", "export the calibration again") from None
     return rig_of([_read_camera(camera, path) for camera in root.iter("camera")], up, path)
 
 

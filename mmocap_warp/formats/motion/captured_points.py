@@ -82,10 +82,9 @@ def read_c3d(path: str | Path) -> PointTracks:
         raise missing_package(path, "ezc3d", "read", "humaneva", "pip install ezc3d") from None
     if not Path(path).is_file():
         raise InputError(path, "no such file", "check the path")
-    try:
+    kinds = OSError, RuntimeError, ValueError
+    with input_errors(path, "cannot be read as .c3d ({error})", "copy it again from its source", *kinds):
         file = ezc3d.c3d(str(path))
-    except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(path, f"cannot be read as .c3d ({error})", "copy it again from its source") from None
     about, header = file["parameters"]["POINT"], file["header"]["points"]
     if not len(about["LABELS"]["value"]):
         raise InputError(path, "holds no points", "give the .c3d of a captured trial")

@@ -1,0 +1,19 @@
+"""A worker beside others uses its share of the cores."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+PROGRAM = """
+import cv2
+from mmocap_warp.device.cores import available_threads, work_beside_others
+
+work_beside_others(1)
+print(available_threads(), cv2.getNumThreads())
+"""
+
+
+def test_a_worker_uses_no_more_threads_than_are_its_own():
+    run = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["1", "1"]

@@ -52,7 +52,7 @@ STEPS = ("mask", "fit", "track", "eval", "view")
 """The steps, in their order; before view there may be ``export:ENDING``."""
 
 _FITTED = 3  # trials of a person that are fitted, and give the body together
-_FAILED = 1.5  # times as much as the best of these a fit costs that has gone wrong
+_FAILED = 2.0  # times as much as the best of these a fit costs that has gone wrong: sound ones cost up to 1.75
 _KNOWN = {"rigid": True, "headings": 4, "evaluations": 300, "finalists": 1}  # a known body is found with less
 _SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
     kind: {each.name for each in fields(config)} - {"device", "threads"}

@@ -157,7 +157,7 @@ def test_what_has_not_changed_is_not_done_again(whole, made, here, tmp_path):
     ("fitted", "size"),  # a fit's body is so many times as large, and costs so much
     [
         ([(1.02, 0.12), (0.98, 0.1)], 1.0),
-        ([(1.3, 0.16), (0.98, 0.1)], 0.98),
+        ([(1.3, 0.21), (0.98, 0.1)], 0.98),
         ([None, (0.98, 0.1)], 0.98),
     ],
     ids=["mean", "one has failed", "one cannot be fitted"],

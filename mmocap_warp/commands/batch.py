@@ -178,12 +178,12 @@ class TrialWorker:
 
 def _mean_body(fits: Sequence[Subject]) -> BodyModel:
     """The mean of fitted bodies that are alike, without those whose fit has failed."""
-    cost = [float(fit.provenance["fit.cost"]) for fit in fits]
-    space, found = RestSpace(fits[int(np.argmin(cost))].body), []
-    for fit, its in zip(fits, cost, strict=True):
+    cost = np.array([float(fit.provenance["fit.cost"]) for fit in fits])
+    space, betas = RestSpace(fits[int(cost.argmin())].body), []
+    for number in np.flatnonzero(cost <= _FAILED * cost.min()).tolist():
         with suppress(ValueError):  # has other joints: something is carried in some recordings
-            found += [space.nearest(fit.body)] if its <= _FAILED * min(cost) else []
-    return space.model(np.mean(found, axis=0))
+            betas.append(space.nearest(fits[number].body))
+    return space.model(np.mean(betas, axis=0))
 
 
 def _thumbnail(result: Result, scene: Scene) -> str:
@@ -255,7 +255,7 @@ def batch(
     if engine == "local" and workers is not None:
         with arguments_checked():
             own = local_devices(device)
-        if own[0] != "cpu" and workers > len(own) and not _MPS.exists():
+        if own[0] != "cpu" and workers > len(own) and shutil.which("nvidia-cuda-mps-control") and not _MPS.exists():
             reporter.note("workers take turns on a GPU; started once, 'nvidia-cuda-mps-control -d' lets them share it")
         device = ",".join(islice(cycle(own), workers))
         threads = threads or max(1, available_threads() // workers)

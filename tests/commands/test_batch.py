@@ -187,19 +187,21 @@ def test_a_person_is_fitted_once_and_tracked_in_every_recording(fitted, size, ma
 
 
 @pytest.mark.parametrize(
-    ("devices", "running", "noted"),
+    ("devices", "there", "running", "noted"),
     [
-        (["cuda:0"], False, True),
-        (["cuda:0"], True, False),
-        (["cuda:0", "cuda:1"], False, False),
-        (["cpu"], False, False),
+        (["cuda:0"], True, False, True),
+        (["cuda:0"], True, True, False),
+        (["cuda:0"], False, False, False),  # Windows has no such program
+        (["cuda:0", "cuda:1"], True, False, False),
+        (["cpu"], True, False, False),
     ],
 )
-def test_workers_that_take_turns_on_a_gpu_are_noted(devices, running, noted, made, here, tmp_path, monkeypatch):
+def test_workers_that_take_turns_on_a_gpu_are_noted(devices, there, running, noted, made, here, tmp_path, monkeypatch):
     mark = tmp_path / "nvidia-cuda-mps-control.pid"
     if running:
         mark.touch()
     monkeypatch.setattr(module, "_MPS", mark)
+    monkeypatch.setattr(module.shutil, "which", lambda name: name if there else None)
     monkeypatch.setattr(module, "local_devices", lambda _: devices)
     notes = []
     reporter = mm.Reporter()

@@ -1,7 +1,7 @@
 """Cleaning a mask: specks, thin gaps, small holes, and components that are not the subject."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import cv2
@@ -31,26 +31,26 @@ def clean_mask(
 
 def mend_mask(mask: np.ndarray, settings: ForegroundSettings, scale: float) -> np.ndarray:
     """The steps of :func:`clean_mask` that know no body: median, open, close, fill holes, drop small components."""
-    m: Any = mask.astype(np.uint8)
+    m: Any = mask.view(np.uint8).copy()
     # Each step works on no more of the image than it can change, where there may be foreground.
     if settings.median:
-        side = _odd(settings.median * scale)
-        sums = cv2.boxFilter(m, cv2.CV_32S, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE)
-        m = (sums > side * side // 2).view(np.uint8)
+        part, side = around(m, 1), _odd(settings.median * scale)
+        depth = cv2.CV_8U if side * side < 256 else cv2.CV_32F
+        sums = cv2.boxFilter(m[part], depth, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE)
+        m[part] = cv2.threshold(sums, side * side // 2, 1, cv2.THRESH_BINARY)[1]
     for size, opens in ((settings.open, 1), (settings.close, 0)):
         if size:
             part, side = around(m, _odd(size * scale)), _odd(size * scale)
             m[part] ^= opens
             m[part] = closed(m[part], side)
             m[part] ^= opens
-    if settings.fill_holes:
-        area = settings.fill_holes * scale**2
-        # What is left of the background beside the foreground is no hole, because that strip is too large for one.
-        _, _, width, height = cv2.boundingRect(m)
-        inside = m[around(m, 1 + math.ceil(area / max(1, min(width, height))))]
-        inside |= drop_small(1 - inside, area, connectivity=4) ^ (1 - inside)
+    box, area = cv2.boundingRect(m), settings.fill_holes * scale**2
+    # What is left of the background beside the foreground is no hole, because that strip is too large for one.
+    inside = m[_around(box, 1 + math.ceil(area / max(1, min(box[2:]))) if area else 0)]
+    if area:
+        inside |= small_components(1 - inside, area, connectivity=4)
     if settings.min_area:
-        m = drop_small(m, settings.min_area * scale**2, connectivity=8)
+        inside ^= small_components(inside, settings.min_area * scale**2, connectivity=8)
     return m.view(bool)
 
 
@@ -63,18 +63,15 @@ def keep_mended(
     return keep_subject(mask, settings.join * scale, body if settings.keep == "nearest" else None)
 
 
-def drop_small(mask: np.ndarray, area: float, connectivity: int) -> np.ndarray:
-    """(height, width) uint8 0/1: ``mask`` (likewise) without components of less than ``area`` pixels."""
-    part = around(mask, 0)
-    count, label = cv2.connectedComponents(mask[part], connectivity=connectivity)
+def small_components(pixels: np.ndarray, area: float, connectivity: int) -> np.ndarray | int:
+    """(height, width) uint8 0/1: of ``pixels`` (likewise) the components of less than ``area`` pixels; 0 for none."""
+    count, label = cv2.connectedComponents(pixels, connectivity=connectivity)
+    if count == 2:
+        return pixels if cv2.countNonZero(pixels) < area else 0
     # Areas alone are counted four times as quickly here as with OpenCV's other statistics.
-    large = np.bincount(label.ravel(), minlength=count) >= area
-    if large[1:].all():
-        return mask
-    large[0] = False
-    kept = np.zeros_like(mask)
-    kept[part] = large.view(np.uint8).take(np.asarray(label))
-    return kept
+    small = np.bincount(label.ravel(), minlength=count) < area
+    small[0] = False
+    return small.view(np.uint8).take(np.asarray(label)) if small.any() else 0
 
 
 def keep_subject(mask: np.ndarray, join: float, last: Callable[[], np.ndarray] | None) -> np.ndarray:
@@ -82,18 +79,18 @@ def keep_subject(mask: np.ndarray, join: float, last: Callable[[], np.ndarray] |
 
     An empty body counts as none. Pieces up to ``join`` pixels apart count as one component.
     """
-    count, label, areas = _components(mask, join)
-    if count <= 2:
+    if (pieces := _components(mask, join)) is None:
         return mask
+    label, areas = pieces
     body = last() if last else None
     if body is None or not body.any():
         return label == int(areas.argmax())
-    overlap = np.bincount(label[body], minlength=count)
+    overlap = np.bincount(label[body], minlength=len(areas))
     overlap[0] = 0
     if overlap.any():
         return (overlap > 0)[label]
     distance = cv2.distanceTransform((~body).astype(np.uint8), cv2.DIST_L2, 5)
-    return label == min(range(1, count), key=lambda i: float(distance[label == i].min()))
+    return label == min(range(1, len(areas)), key=lambda i: float(distance[label == i].min()))
 
 
 def rivals(mask: np.ndarray, join: float) -> tuple[int, int] | None:
@@ -101,28 +98,29 @@ def rivals(mask: np.ndarray, join: float) -> tuple[int, int] | None:
 
     ``join`` is as in :func:`keep_subject`.
     """
-    count, _, areas = _components(mask, join)
-    if count <= 2:
+    if (pieces := _components(mask, join)) is None:
         return None
-    smaller, larger = np.sort(areas)[-2:].tolist()
+    smaller, larger = np.sort(pieces[1])[-2:].tolist()
     return (larger, smaller) if smaller > _RIVAL_AREA_RATIO * larger else None
 
 
-def _components(mask: np.ndarray, join: float) -> tuple[int, np.ndarray, np.ndarray]:
-    """How many components there are with the background, the component of each pixel, and their areas [px].
+def _components(mask: np.ndarray, join: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """The component of each pixel, 0 for the background, and their areas [px]; None where there is at most one.
 
     A mask that is in one piece is not joined any further: its components are those of the mask itself.
     """
     part = around(mask.view(np.uint8), _odd(join))
-    pixels, label = mask[part].astype(np.uint8), np.zeros(mask.shape, np.int32)
+    pixels = mask.view(np.uint8)[part]
     count, there = cv2.connectedComponents(pixels, connectivity=8)
     if count > 2 and join >= 1:
         count, there = cv2.connectedComponents(cv2.dilate(pixels, _disc(join)), connectivity=8)
         there *= pixels
-    areas = np.bincount(there.ravel(), minlength=count)
+    if count <= 2:
+        return None
+    areas, label = np.bincount(there.ravel(), minlength=count), np.zeros(mask.shape, np.int32)
     areas[0] = 0
     label[part] = there
-    return count, label, areas
+    return label, areas
 
 
 def around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
@@ -130,7 +128,11 @@ def around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
 
     They begin at even numbers, so that components are found in the order in which they are in the whole image.
     """
-    left, top, width, height = cv2.boundingRect(mask)
+    return _around(cv2.boundingRect(mask), margin)
+
+
+def _around(box: Sequence[int], margin: int) -> tuple[slice, slice]:
+    left, top, width, height = box
     rows, columns = (
         slice(max(0, first - margin) & ~1, max(1, first + length + margin))
         for first, length in ((top, height), (left, width))

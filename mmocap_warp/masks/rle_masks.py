@@ -63,10 +63,8 @@ def open_rle(path: Path) -> RleMasks:
     order), or null.
     """
     text = read_text(path, _REMEDY, missing="check the path; it is relative to the scene file")
-    try:
+    with input_errors(path, "cannot be read as JSON ({error})", _REMEDY, ValueError, RecursionError):
         content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"cannot be read as JSON ({str(error)[:80]})", _REMEDY) from None
     try:
         frames = _read_frames(content)
     except (KeyError, TypeError, AttributeError, IndexError) as error:

@@ -46,7 +46,8 @@ def growth(at: list[float]) -> float:
 @pytest.mark.parametrize("frames", [400, pytest.param(10_000, marks=pytest.mark.nightly)])
 def test_masks_take_as_long_at_the_end(tmp_path: Path, frames: int) -> None:
     scene = long_scene(tmp_path, frames)
-    assert growth([time.process_time() for _ in scene.masks()]) < MOST
+    # Once in a hundred times the last quarter, of some 20 ms, takes twice as long by chance.
+    assert min(growth([time.process_time() for _ in scene.masks()]) for _ in range(2)) < MOST
     done: list[float] = []
     write_masks(scene, tmp_path / "out", progress=lambda _: done.append(time.process_time()))
     assert len(done) == frames

@@ -156,13 +156,15 @@ def test_a_limb_that_leaps_away_and_soon_back_goes_straight_on():
     assert clip.error(backward.revised(frames, known, clip.rooting.none)).max() < 0.02
 
 
-def test_limbs_that_no_frame_knows_are_looked_for_anew():
+@pytest.mark.parametrize("shows", [FRAMES - 1, FRAMES - 31], ids=["at the end", "only long before it"])
+def test_limbs_that_no_frame_knows_are_looked_for_anew(shows):
+    """From a frame that shows them they are followed both ways."""
     clip = TwoBasins(np.full(FRAMES, 1.2))
     frames, asked = np.arange(FRAMES), []
 
     def anew(frame: int, there: RootedPoses) -> RootedPoses:
         asked.append(frame)
-        return clip.truth[frame : frame + 1]
+        return (clip.truth if frame == shows else clip.other)[frame : frame + 1]
 
     assert clip.backward.revised(frames, clip.other, clip.rooting.none) is clip.other
     looking = BackwardPass(clip.descend, clip.linearise, clip.rooting, clip.points, RATE, clip.areas, [], anew)

@@ -240,9 +240,9 @@ class BackwardPass:
     def _followed_ahead(self, frames: np.ndarray, way: RootedPoses, f: int, seen: np.ndarray) -> RootedPoses:
         """The way with poses found forwards from frame ``f``, where a limb was recalled, while they clearly cost less.
 
-        The limb was lost somewhere between two frames in which limbs are recalled.
+        Frames after it may have lost the limb without a sign, and to the end.
         """
-        for g in range(f + 1, min(f + self._recall_frames, len(frames))):
+        for g in range(f + 1, len(frames)):
             better = self._better(int(frames[g]), way[g : g + 1], way[g - 1 : g]) if seen[g] else None
             if better is None:
                 break

@@ -35,7 +35,7 @@ from mmocap_warp.errors import InputError, UsageError, input_errors
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
 from mmocap_warp.formats.toml_table import Table, load_toml
-from mmocap_warp.formats.usd.usd_body import write_body
+from mmocap_warp.formats.usd.usd_body import write_body, write_subject
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.jobs.engine import Advance, Refusal
 from mmocap_warp.jobs.job_run import Status, Task, run_jobs
@@ -53,7 +53,8 @@ STEPS = ("mask", "fit", "track", "eval", "view")
 
 _FITTED = 3  # trials of a person that are fitted, and give the body together
 _FAILED = 2.0  # times as much as the best of these a fit costs that has gone wrong: sound ones cost up to 1.75
-_KNOWN = {"rigid": True, "headings": 4, "evaluations": 300, "finalists": 1}  # a known body is found with less
+_KNOWN: dict[str, Any] = {"rigid": True, "headings": 4, "evaluations": 300, "finalists": 1}  # found with less
+_COSTLY = 0.07  # a known body that costs more is found with all: sound ones cost .04 to .06, with legs exchanged .095
 _SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
     kind: {each.name for each in fields(config)} - {"device", "threads"}
     for kind, config in (("fit", FitConfig), ("track", TrackConfig))
@@ -154,9 +155,12 @@ class TrialWorker:
                 scene = load_scene(mask.mask(scene, job.folder / "masks", **given).scene)
             elif step == "fit" and (job.body or scene.subject is None):
                 subject = job.folder / "subject.usdc"
+                given = self._where | {"reporter": notes} | settings["fit"]
                 if not subject.exists():
-                    given = self._where | (_KNOWN if job.body else {}) | settings["fit"]
-                    track.fit(scene, job.body, output=subject, reporter=notes, **given)
+                    fitted = track.fit(scene, job.body, **(_KNOWN if job.body else {}) | given)
+                    if job.body and float(fitted.provenance["fit.cost"]) > _COSTLY:
+                        fitted = track.fit(scene, job.body, **self._where | {"rigid": True} | given)
+                    write_subject(subject, fitted)
             elif step == "track":
                 given = self._where | settings["track"]
                 tracked = track.track(scene, subject, output=result, resume=True, reporter=notes, **given)
@@ -266,8 +270,8 @@ def batch(
     for name, problem in failures.items():
         reporter.warn(f"{name}: given up: {problem}")
 
-    seconds = None if minutes is None else 60.0 * minutes
-    status = run_jobs([*people, *trials], start, show or (lambda status: None), reporter.warn, seconds)
+    seconds, heard = minutes and 60.0 * minutes, show or (lambda status: None)
+    status = run_jobs([*people, *trials], start, heard, reporter.warn, seconds)
     failures |= {task.job.name: status.failures[task.name] for task in trials if task.name in status.failures}
     done = [task.check() for task in trials if task.name not in failures]
     page = folder / "index.html"

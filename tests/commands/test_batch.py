@@ -21,7 +21,7 @@ import mmocap_warp as mm
 from mmocap_warp.cli import main
 from mmocap_warp.cli.console import FAILURE
 from mmocap_warp.commands import batch as module
-from mmocap_warp.formats.usd.usd_body import read_subject, write_subject
+from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.jobs.engine import Engine, Ready
 
 STEPS = "track,eval,export:glb,view"
@@ -166,11 +166,11 @@ def test_a_person_is_fitted_once_and_tracked_in_every_recording(fitted, size, ma
     fits = []
     subject = read_subject(made / "b" / "subject.usdc")
 
-    def fit(scene, body=None, output=None, **given):
-        fits.append((Path(getattr(scene, "path", scene)).parent.name, body, given.get("rigid")))
-        if output is not None:
-            write_subject(output, subject)
-            return subject
+    def fit(scene, body=None, **given):
+        name = Path(getattr(scene, "path", scene)).parent.name
+        fits.append((name, body, given.get("rigid"), given.get("headings")))
+        if body is not None:  # what is found with less fits one scene badly
+            return replace(subject, provenance={"fit.cost": 0.09 if name == "one" and "headings" in given else 0.05})
         if (now := fitted[len(fits) - 1]) is None:
             raise mm.InputError(scene, "shows nobody", "look at it")
         return replace(subject, body=subject.body.in_unit(1 / now[0]), provenance={"fit.cost": now[1]})
@@ -182,7 +182,8 @@ def test_a_person_is_fitted_once_and_tracked_in_every_recording(fitted, size, ma
     done = mm.batch(scenes, tmp_path / "out", steps="track", plan=plan)
     assert done.failures == {}
     body = tmp_path / "out" / "people" / "Anna" / "body.usdc"
-    assert fits == [("one", None, None), ("two", None, None), ("one", body, True), ("two", body, True)]
+    of_person = [("one", None, None, None), ("two", None, None, None)]
+    assert fits == [*of_person, ("one", body, True, 4), ("one", body, True, None), ("two", body, True, 4)]
     np.testing.assert_allclose(mm.load_body(body).joint_rest, size * subject.body.joint_rest, atol=1e-3)
 
 

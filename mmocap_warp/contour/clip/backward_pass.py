@@ -151,8 +151,7 @@ class BackwardPass:
     ) -> np.ndarray:
         """What areas cost (answer, frame), scaled so that the first answer's weigh as much as its contours (frame,)."""
         areas = np.stack([self.areas(frames[different], poses[different]) for poses in answers])
-        scaled: np.ndarray = areas * (cost[different].sum() / max(areas[0].sum(), _NO_AREA))
-        return scaled
+        return np.asarray(areas * (cost[different].sum() / max(areas[0].sum(), _NO_AREA)))
 
     def _add_uncovered(
         self,
@@ -172,8 +171,7 @@ class BackwardPass:
     def _differ(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
         """(frame,) bool: whether a joint is in another place."""
         apart = self.points.at(one) - self.points.at(other)
-        differ: np.ndarray = np.linalg.norm(apart[:, ::POINTS_A_JOINT], axis=2).max(axis=1) > _ANOTHER_PLACE
-        return differ
+        return np.asarray(np.linalg.norm(apart[:, ::POINTS_A_JOINT], axis=2).max(axis=1) > _ANOTHER_PLACE)
 
     def _followed_back(self, frames: np.ndarray, known: RootedPoses, cost: np.ndarray, seen: np.ndarray) -> RootedPoses:
         """Poses from the last frame that is seen to the first, each found from those after it.
@@ -277,8 +275,7 @@ def next_starts(rooting: Rooting, last: np.ndarray, before: np.ndarray) -> Roote
 def places_by_acceleration(points: MotionPoints, poses: RootedPoses, rate: float) -> np.ndarray:
     """Where joints are in frames (frame, value), scaled so that their second differences have unit variance."""
     scale = rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
-    places: np.ndarray = scale * points.at(poses).reshape(len(poses), -1)
-    return places
+    return np.asarray(scale * points.at(poses).reshape(len(poses), -1))
 
 
 def least_costly(cost: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -296,8 +293,7 @@ def least_costly(cost: np.ndarray, place: np.ndarray) -> np.ndarray:
     """
     answers, frames = cost.shape
     if frames < 3:
-        cheapest: np.ndarray = np.argmin(cost, axis=0)
-        return cheapest
+        return np.asarray(np.argmin(cost, axis=0))
     first, second, third = place[:, None, None, :-2], place[None, :, None, 1:-1], place[None, None, :, 2:]
     jump = 0.5 * ((first - 2.0 * second + third) ** 2).sum(axis=-1)  # (answer two before, before, answer, frame)
     total = cost[:, 0, None] + cost[None, :, 1]  # (answer before, answer)

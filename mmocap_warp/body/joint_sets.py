@@ -40,8 +40,7 @@ class JointSet:
 
     def at_rest(self, body: BodyModel) -> np.ndarray:
         """The points of the body in its bind pose, (point, 3) float64 [m]."""
-        places: np.ndarray = self.vertex_weight @ body.skin.rest[self.vertex] + self.joint_weight @ body.joint_rest
-        return places
+        return np.asarray(self.vertex_weight @ body.skin.rest[self.vertex] + self.joint_weight @ body.joint_rest)
 
     def centred(self, body: BodyModel) -> BodyModel:
         """The body whose joints have their counterparts' places in the bind pose: for measures, not to be posed."""

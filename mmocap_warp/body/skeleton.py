@@ -132,8 +132,7 @@ class Skeleton:
 
     def units(self, length: float) -> np.ndarray:
         """(coordinate,) the unit of each, where that of lengths is ``length`` [m] and that of angles a radian."""
-        units: np.ndarray = np.where(self.is_length, length, 1.0)
-        return units
+        return np.asarray(np.where(self.is_length, length, 1.0))
 
     def in_unit(self, unit: float) -> Skeleton:
         """The skeleton with what its sliding joints may do in a unit [m]."""
@@ -264,5 +263,4 @@ class Skeleton:
     def moved_by(self, index: np.ndarray) -> np.ndarray:
         """(joint,) bool: the joints whose transforms change with coordinates ``index`` of a pose."""
         turned = np.maximum((np.asarray(index) - TRANSLATION) // 3, 0)  # the translation moves what the root moves
-        moved: np.ndarray = self.below[turned].any(axis=0)
-        return moved
+        return np.asarray(self.below[turned].any(axis=0))

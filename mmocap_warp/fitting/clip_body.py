@@ -17,6 +17,7 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import BodySolution, body_problem
+from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.fitter import ContourFitter
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.device.cores import available_threads
@@ -70,21 +71,22 @@ def solve_body_in_clip(
     fps: float,
     frames: int,
     config: TrackConfig,
-) -> tuple[Subject, float]:
+) -> tuple[Subject, float, np.ndarray]:
     """Follow a subject through a clip and solve its body from some of the frames.
 
     The subject has the pose of the first frame, and its body is expected to be the generic one. The clip's frames, such
     as those of :func:`frames_to_follow`, are ``fps`` a second; the body is solved from so many ``frames``, at most.
 
     Returns:
-        The solved body in the first frame's pose, and what contours cost in a frame; more, the sooner a frame was lost.
+        The solved body in the first frame's pose; what contours cost in a frame, more, the sooner a frame was lost; and
+        where the joints were while the subject was followed, (frame, joint, 3) [m].
     """
-    clip = list(clip)
+    clip, skeleton = list(clip), subject.body.skeleton
     followed = follow(subject, rig, clip, fps, config)
     device, threads = resolve_device(config.device), config.threads or available_threads()
     solved, cost = solve_body(subject, generic, rig, followed.spread(frames), device, threads)
-    share = len(followed.rooted) / len(clip)
-    return solved, cost / share
+    places = MotionPoints(skeleton, subject.body.joint_rest, skeleton.searched()).at(followed.rooted)
+    return solved, cost * len(clip) / len(followed.rooted), places[:, ::POINTS_A_JOINT]
 
 
 def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float, config: TrackConfig) -> Followed:

@@ -47,8 +47,7 @@ class Guess:
     def orientation(self, skeleton: Skeleton) -> np.ndarray:
         """(3, 3) the world from the root's axes in the body: its columns are its left, its up, and where it faces."""
         rooting = Rooting(skeleton, self.root_base, skeleton.searched())
-        base: np.ndarray = rooting.enter(self.pose[None]).base[0]
-        return base
+        return np.asarray(rooting.enter(self.pose[None]).base[0])
 
 
 class FrameFit:

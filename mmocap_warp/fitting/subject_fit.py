@@ -58,6 +58,7 @@ _HOPELESS = 2.0  # what costs so many times as much is not searched further, of 
 _FAR_BEHIND = 0.06  # what costs so much more after a round over the limbs is not searched further: it gains .02 at most
 _TURNED_COSINE = -0.2  # two bodies face apart if the cosine of the angle between them is smaller
 _SAME_PLACE = 0.1  # joints that are nearer to each other are in the same place [m]
+_MEETING_SHARE = 0.25  # of a clip's frames: two ways to see the first one that are apart in fewer are one
 _NEAR, _FAR = 0.2, 0.4  # spreads of joints that begin near rest, and of a person's farthest: others begin far [rad]
 _FAR_SHARE = 3  # times as many evaluations as usual find joints that begin far
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
@@ -142,8 +143,8 @@ def fit_clip(
     clip = [first] if task.body_is_given and not close else [first, *observations]
     # Motion decides between ways to see the first frame that are nearly as good.
     ways = _with_clip_bodies(task, clip, fps, [task.subject(guess, verdict) for guess in (best, *close)])
-    (subject, cost), *others_in_clip = sorted(ways, key=lambda way: way[1])
-    others_in_clip = [way for way in others_in_clip if _differ(subject, way[0])]  # some end in the same pose
+    (subject, cost, places), *others_in_clip = sorted(ways, key=lambda way: way[1])
+    others_in_clip = [way for way in others_in_clip if _stay_apart(places, way[2], body.relative_size)]
     decided = "yes"
     if others_in_clip:
         margin = others_in_clip[0][1] / cost - 1
@@ -155,13 +156,13 @@ def fit_clip(
 
 def _with_clip_bodies(
     task: _Task, clip: list[Observation], fps: float, subjects: list[Subject]
-) -> list[tuple[Subject, float]]:
-    """Each subject with the body of the frames that it can be followed through, and their contours' mean cost."""
+) -> list[tuple[Subject, float, np.ndarray]]:
+    """Each subject with the body of the frames that it can be followed through: :func:`solve_body_in_clip`'s."""
     count, threads = task.at_a_time(len(subjects))
     settings = TrackConfig(seed=task.config.seed, device=task.device, threads=threads)
     generic = replace(task.body, skeleton=task.generic.skeleton)
 
-    def solved(subject: Subject) -> tuple[Subject, float]:
+    def solved(subject: Subject) -> tuple[Subject, float, np.ndarray]:
         return solve_body_in_clip(subject, generic, task.rig, clip, fps, task.config.frames, settings)
 
     with ThreadPoolExecutor(count) as pool:
@@ -275,6 +276,12 @@ def _differ(one: Subject, other: Subject) -> bool:
     """Whether a joint of two subjects is in another place."""
     places = [Poser(each.body, each.root_base).joint_transforms(each.pose)[0, :, :3, 3] for each in (one, other)]
     return bool(np.linalg.norm(places[0] - places[1], axis=1).max() > _SAME_PLACE * one.body.relative_size)
+
+
+def _stay_apart(one: np.ndarray, other: np.ndarray, size: float) -> bool:
+    """Whether a joint is elsewhere in many frames, of joints' places (frame, joint, 3): some ways meet soon."""
+    apart = [np.linalg.norm(here - there, axis=1).max() for here, there in zip(one, other, strict=False)]
+    return bool(np.mean(np.array(apart) > _SAME_PLACE * size) > _MEETING_SHARE)
 
 
 def _verdict(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int]:

@@ -32,8 +32,7 @@ class _Views:
 
     def __getitem__(self, k: int) -> np.ndarray:
         camera = self._rig.select((self._rig.names[k],))
-        masks: np.ndarray = np.logical_or.reduce([silhouettes(camera, each, self._faces)[0] for each in self._bodies])
-        return masks
+        return np.asarray(np.logical_or.reduce([silhouettes(camera, each, self._faces)[0] for each in self._bodies]))
 
 
 def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[list[np.ndarray]]:

@@ -63,8 +63,7 @@ class ContourState(TrackState):
 
     def is_looking(self, interval: int) -> np.ndarray:
         """(run,) bool: whether the next frame is looked at for limbs; after looks that failed it is less often."""
-        looking: np.ndarray = self.frame_count % (interval * np.minimum(1 + self.failed_looks, _RAREST_LOOK)) == 0
-        return looking
+        return np.asarray(self.frame_count % (interval * np.minimum(1 + self.failed_looks, _RAREST_LOOK)) == 0)
 
     def excess(self, area: np.ndarray, largest_usual: float) -> np.ndarray:
         """(run, part) by how much more than usual is uncovered, or than may be usual [m^2]."""

@@ -245,8 +245,7 @@ class _SpanSearch:
     def _apart(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
         """(frame,) how far the joint is that moved most [m]."""
         apart = (self._points.at(one) - self._points.at(other))[:, ::POINTS_A_JOINT]
-        farthest: np.ndarray = np.linalg.norm(apart, axis=2).max(axis=1)
-        return farthest
+        return np.asarray(np.linalg.norm(apart, axis=2).max(axis=1))
 
     def _costs(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
         """(pose, 2) what contours and pins, and what areas cost."""

@@ -244,20 +244,23 @@ def test_limbs_in_each_others_place_are_kept_where_they_fit_better_and_weighed_w
 
 
 @pytest.mark.parametrize(
-    ("margin", "costs", "answer", "decided"),
+    ("margin", "costs", "apart", "answer", "decided"),
     [
-        (0.05, [3.0], 0, "yes"),  # the frame decides
-        (0.01, [3.0, 4.0], 0, "yes"),
-        (0.01, [4.0, 3.0], 1, "yes"),  # motion decides otherwise
-        (0.01, [3.0, 3.03], 0, "no"),
+        (0.05, [3.0], 8, 0, "yes"),  # the frame decides
+        (0.01, [3.0, 4.0], 8, 0, "yes"),
+        (0.01, [4.0, 3.0], 8, 1, "yes"),  # motion decides otherwise
+        (0.01, [3.0, 3.03], 8, 0, "no"),
+        (0.01, [3.0, 3.03], 3, 0, "no"),
+        (0.01, [3.0, 3.03], 2, 0, "yes"),  # the ways meet after two frames
     ],
 )
-def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, answer, decided, monkeypatch):
+def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, apart, answer, decided, monkeypatch):
     guesses = [Guess(np.zeros(len(RestSpace(man).names)), np.eye(3), np.full(51, i), 0.1 + i * margin) for i in (0, 1)]
-    asked = iter(costs)
+    asked, places = iter(costs), [np.zeros((8, 1, 3)) for _ in costs]
+    places[-1][:apart] = 0.2
     monkeypatch.setattr(
         "mmocap_warp.fitting.subject_fit._with_clip_bodies",
-        lambda task, clip, fps, subjects: [(subject, next(asked)) for subject in subjects],
+        lambda task, clip, fps, subjects: [(each, next(asked), places.pop(0)) for each in subjects],
     )
     monkeypatch.setattr(
         "mmocap_warp.fitting.subject_fit._first_frame", lambda task, observation: (guesses[0], {"turned": guesses[1]})

@@ -55,8 +55,7 @@ class DistanceFields:
     @property
     def seen(self) -> np.ndarray:
         """(frame, camera) bool: the views that show anybody."""
-        seen: np.ndarray = self.struct.box.numpy()[..., 2] > 0
-        return seen
+        return np.asarray(self.struct.box.numpy()[..., 2] > 0)
 
     def observe(self, observations: Sequence[Observation], first: int = 0) -> None:
         """Compute the fields of frames into as many places, from ``first`` on; on a GPU many frames at a time."""

@@ -28,8 +28,7 @@ class NormalEquations(FrameArrays):
     @property
     def observed(self) -> np.ndarray:
         """(frame,) bool: the frames that show anything."""
-        observed: np.ndarray = np.trace(self.matrix, axis1=1, axis2=2) > 0
-        return observed
+        return np.asarray(np.trace(self.matrix, axis1=1, axis2=2) > 0)
 
     def with_prior(self, information: np.ndarray) -> np.ndarray:
         """(frame, m, m) matrices that can be inverted, with a prior's information (m,) about the first coordinates."""

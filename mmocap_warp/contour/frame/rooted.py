@@ -152,8 +152,7 @@ class Rooting:
 
     def root_axes(self, rooted: RootedPoses) -> np.ndarray:
         """(frame, 3, 3) in the columns: the axes in the world that the root's angles turn about where they are zero."""
-        axes: np.ndarray = rooted.base @ self._frame
-        return axes
+        return np.asarray(rooted.base @ self._frame)
 
     def leave(self, rooted: RootedPoses, near: np.ndarray) -> np.ndarray:
         """Poses (frame, coordinate) float64 that count from the one base again.

@@ -55,7 +55,7 @@ def scene_from(
             raise UsageError(f"--person {person} is not {listed}")
         chosen = chosen.of_person(person)
     if (
-        (reporter is not None and type(reporter).note is not Reporter.note)  # else nobody hears it
+        (reporter is not None and getattr(type(reporter), "note", None) is not Reporter.note)  # else nobody hears it
         and chosen.foreground.source == "masks"
         and not (chosen.foreground.identity or chosen.labelled or chosen.people)
     ):

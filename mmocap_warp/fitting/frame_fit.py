@@ -188,8 +188,7 @@ class FrameFit:
         fitter.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
         fitter.descend(count, _LIMB_STEPS)
         poses = fitter.descent.best.numpy()[:count].astype(float)
-        best_first: np.ndarray = poses[np.argsort(self._objective.costs(poses), kind="stable")]
-        return best_first
+        return np.asarray(poses[np.argsort(self._objective.costs(poses), kind="stable")])
 
     def _take_body(self, beta: np.ndarray, root_base: np.ndarray) -> None:
         rest, joint_rest = self.space.at(beta, self._vertex)

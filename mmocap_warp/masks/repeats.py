@@ -65,8 +65,7 @@ def _changes(observations: Iterable[Observation]) -> np.ndarray:
 
 def _mean(share: np.ndarray) -> np.ndarray:
     """(frame,) mean over the views that see anybody, 0 where none does."""
-    mean: np.ndarray = np.nan_to_num(share).sum(axis=1) / np.maximum(1, np.isfinite(share).sum(axis=1))
-    return mean
+    return np.asarray(np.nan_to_num(share).sum(axis=1) / np.maximum(1, np.isfinite(share).sum(axis=1)))
 
 
 def _credible(share: np.ndarray, same: np.ndarray, others: np.ndarray | None = None) -> np.ndarray:

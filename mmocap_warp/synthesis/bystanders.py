@@ -50,12 +50,10 @@ class PasserBy:
         at = round(PASSER_BY_RATE * time, 9) + len(self._way) // 2
         before = min(max(int(at), 0), len(self._way) - 2)
         pose, after = self._way[before : before + 2]
-        between: np.ndarray = pose + (at - before) * (after - pose)
-        return between
+        return np.asarray(pose + (at - before) * (after - pose))
 
     def _placed(self, pose: np.ndarray) -> np.ndarray:
-        placed: np.ndarray = (pose[:3] + np.array([self._aside, 0.0, 0.0])) @ self._base.T + self._middle
-        return placed
+        return np.asarray((pose[:3] + np.array([self._aside, 0.0, 0.0])) @ self._base.T + self._middle)
 
 
 def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> tuple[list[np.ndarray], np.ndarray]:

@@ -129,8 +129,7 @@ class ContourState(TrackState):
         level = np.where(self.level_known, self._usual_overlap, np.float32(np.inf))
         always = np.where(self.overlap_levels > 0, self.exposed_outlines, np.float32(np.inf)).min(axis=1)
         always = np.where(self.level_known, always, np.float32(0.0))
-        short: np.ndarray = (answer.overlap < level - fall) | (answer.exposed > exposed + always)
-        return short
+        return np.asarray((answer.overlap < level - fall) | (answer.exposed > exposed + always))
 
     def followed_by(self, answer: Candidates, lost: np.ndarray) -> ContourState:
         """The state after a frame's answer, where ``lost`` (run,) bool says which runs are lost.

@@ -169,8 +169,7 @@ class ContourTracker:
 
     def _is_lost(self, answer: Candidates) -> np.ndarray:
         """(run,) bool: whether an answer is so far from the masks that it is no pose of the body."""
-        lost: np.ndarray = self._state.level_known & self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
-        return lost
+        return np.asarray(self._state.level_known & self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED))
 
     def _recovered(
         self, search: PoseSearch, answer: Candidates, short: np.ndarray, observation: Observation

@@ -79,8 +79,7 @@ def mirrored(skeleton: Skeleton, pose: np.ndarray) -> np.ndarray:
             turned = across @ zyx_rotation(pose[skeleton.angles(other)]) @ across.T
             exchanged[skeleton.angles(one)] = zyx_angles(turned)
     low, high = skeleton.coordinate_limits.T
-    within: np.ndarray = np.clip(exchanged, low, high)
-    return within
+    return np.asarray(np.clip(exchanged, low, high))
 
 
 def places_exchanged(

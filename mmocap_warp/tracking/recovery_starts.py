@@ -40,8 +40,7 @@ class RecoveryStarts:
 
     def within_limits(self, pose: np.ndarray) -> np.ndarray:
         """Poses as float32, within their limits."""
-        within: np.ndarray = np.clip(pose, self._limits[:, 0], self._limits[:, 1]).astype(np.float32)
-        return within
+        return np.asarray(np.clip(pose, self._limits[:, 0], self._limits[:, 1]).astype(np.float32))
 
     def scattered(self, pose: np.ndarray, counter: np.ndarray) -> np.ndarray:
         """Starts around poses (run, coordinate), each of which differs from its pose in one part of the body.
@@ -88,8 +87,7 @@ class RecoveryStarts:
         if len(joints) == 1:
             return centre
         bones = np.diff(centre, axis=1)[:, :, None] * np.array([0.25, 0.5, 0.75, 1.0, 1.25])[:, None]
-        points: np.ndarray = (centre[:, :-1, None] + bones).reshape(len(poses), -1, 3)
-        return points
+        return np.asarray((centre[:, :-1, None] + bones).reshape(len(poses), -1, 3))
 
     def anywhere(self, pose: np.ndarray, counter: np.ndarray, observation: Observation) -> np.ndarray:
         """The last poses (run, coordinate) and the first one, moved to the visual hull and turned every way.

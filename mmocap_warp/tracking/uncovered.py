@@ -197,14 +197,12 @@ def stands_out(
     A lasting area counts above ``least_lasting`` [m^2], in a body as large as a person.
     """
     large = (area > _CLEAR_AREA * size**2) | (repeated > _REPEATED_AREA * size**2)
-    doubtful: np.ndarray = large | (lasting > least_lasting * size**2)
-    return doubtful
+    return np.asarray(large | (lasting > least_lasting * size**2))
 
 
 def is_usual(standing_out: np.ndarray, looks: np.ndarray | int) -> np.ndarray:
     """Whether so many of the looks show no lost limb, but something that the body lacks: a skirt, a bag, a stick."""
-    usual: np.ndarray = (standing_out > _MOST_DOUBTFUL * looks) & (looks >= _LEAST_LOOKS)
-    return usual
+    return np.asarray((standing_out > _MOST_DOUBTFUL * looks) & (looks >= _LEAST_LOOKS))
 
 
 def _points_of_faces(mesh: SkinMesh, spacing: float) -> tuple[np.ndarray, np.ndarray]:

@@ -194,9 +194,10 @@ class Uncovering:
         (lambda frame: 2.0, [39]),
         (lambda frame: 0.9, []),
         (lambda frame: 2.0 * (frame == 27), []),
-        (lambda frame: 2.0 * (frame <= 27), [21]),
+        (lambda frame: 2.0 * (frame <= 27), [27]),
+        (lambda frame: 200.0 * (24 <= frame <= 28), [27]),
     ],
-    ids=["in all frames", "little", "in one look alone", "in two looks"],
+    ids=["in all frames", "little", "in one frame alone", "to a look", "for a moment"],
 )
 def test_limbs_that_masks_show_and_the_body_does_not_are_looked_for_there(level, asked):
     """Contours and areas of both folds cost the same, so that only what is left uncovered tells them apart."""
@@ -206,11 +207,21 @@ def test_limbs_that_masks_show_and_the_body_does_not_are_looked_for_there(level,
     revised = backward.revised(frames, clip.other, clip.rooting.none)
     assert uncovered.asked == asked
     if asked:
-        assert clip.error(revised)[: asked[0] + 1].max() < 0.02
+        assert clip.error(revised)[uncovered.level > 0].max() < 0.02
     else:
         assert revised is clip.other
     assert clip.backward.revised(frames, clip.other, clip.rooting.none) is clip.other
     assert backward.revised(frames, clip.truth, clip.rooting.none) is clip.truth
+
+
+def test_a_limb_that_hides_is_not_recalled_and_not_kept_though_it_costs_less():
+    """Contours see nothing of it, but it leaves a part of the masks uncovered."""
+    clip, frames = TwoBasins(np.full(FRAMES, 1.2), -40.0), np.arange(FRAMES)
+    known = clip.other.where(frames < 4, clip.truth)
+    recalling = replace(clip.backward, limbs=[np.arange(BODY.skeleton.coordinates)[ELBOW]])
+    assert clip.error(recalling.revised(frames, known, clip.rooting.none))[4:].max() > 0.15
+    seeing = replace(recalling, uncovered=Uncovering(clip, np.full(FRAMES, 20.0)))
+    assert clip.error(seeing.revised(frames, known, clip.rooting.none)).max() < 0.02
 
 
 def test_what_costs_much_more_on_the_way_back_is_not_followed_further(lost):

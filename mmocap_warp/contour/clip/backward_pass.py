@@ -180,7 +180,7 @@ class BackwardPass:
         """
         rooting, way, end = self.rooting, known, int(np.flatnonzero(seen)[-1])
         last = before = rooting.leave(known[end : end + 1], np.zeros(3))[0]
-        area_after = np.inf  # what the recalled frame after this one left uncovered
+        aside = max(1, self._recall_frames // 2)
         for f in reversed(range(end + 1)):
             if not seen[f]:
                 continue
@@ -193,12 +193,13 @@ class BackwardPass:
             if self.pairs_from_rest and not better and (end - f) % (_RECALLS_A_PAIR_FIT * self._recall_frames) == 0:
                 better = self._better(int(frames[f]), there, self.pairs_from_rest(int(frames[f]), there))
             if self.uncovered and (end - f) % self._recall_frames == 0:
-                area = self.uncovered.area(int(frames[f]), better or there)[0]
+                now = better or there
                 # What one frame alone shows may be a fault of its masks.
-                if not better and min(area, area_after) >= 1.0:
-                    starts = self.uncovered.limbs_reaching(int(frames[f]), there)
-                    better = self._better(int(frames[f]), there, starts, self.uncovered)
-                area_after = area
+                beside = [g for g in (f - aside, f + aside) if 0 <= g <= end and seen[g]]
+                areas = (self.uncovered.area(int(frames[g]), way[g : g + 1])[0] for g in beside)
+                if self.uncovered.area(int(frames[f]), now)[0] >= 1.0 and max(areas, default=0.0) >= 1.0:
+                    starts = self.uncovered.limbs_reaching(int(frames[f]), now)
+                    better = self._better(int(frames[f]), now, starts, covering=True) or better
             before, last = last, rooting.leave(better or there, last[ROOT_ANGLES])[0]
             if better:
                 before = last  # no motion led there
@@ -215,7 +216,11 @@ class BackwardPass:
         rooting = self.rooting
         fitted, cost = self.descend(np.full(STARTS, frame), next_starts(rooting, last, before))
         best = int(np.argmin(cost))
-        return way.with_frames(np.array([f]), fitted[best : best + 1]) if cost[best] < most else way
+        found, least = fitted[best : best + 1], cost[best]
+        if least >= most:
+            both = way[f : f + 1].followed_by(rooting.refold(found))
+            most, least = self._with_uncovered(frame, both, np.array([most, least]))
+        return way.with_frames(np.array([f]), found) if least < most else way
 
     @property
     def _recall_frames(self) -> int:
@@ -241,16 +246,23 @@ class BackwardPass:
         Frames after it may have lost the limb without a sign, and to the end.
         """
         for g in range(f + 1, len(frames)):
-            better = self._better(int(frames[g]), way[g : g + 1], way[g - 1 : g]) if seen[g] else None
+            better = self._better(int(frames[g]), way[g : g + 1], way[g - 1 : g], covering=True) if seen[g] else None
             if better is None:
                 break
             way = way.with_frames(np.array([g]), better)
         return way
 
+    def _with_uncovered(self, frame: int, poses: RootedPoses, cost: np.ndarray) -> np.ndarray:
+        """Costs (pose,), larger where a pose leaves mask uncovered: a limb that hides costs no contours."""
+        return cost * (1.0 + _UNCOVERED_COST * self.uncovered.area(frame, poses)) if self.uncovered else cost
+
     def _better(
-        self, frame: int, there: RootedPoses, starts: RootedPoses, uncovered: UncoveredMask | None = None
+        self, frame: int, there: RootedPoses, starts: RootedPoses, covering: bool = False
     ) -> RootedPoses | None:
-        """The best pose (1,) that contours lead to from some, if it is a different answer and clearly costs less."""
+        """The best pose (1,) that contours lead to from some, if it is a different answer and clearly costs less.
+
+        What a ``covering`` search leaves uncovered decides which is the best; of others it may speak against the best.
+        """
         starts = there.followed_by(starts)
         at = np.full(len(starts), frame)
         fitted, contours = self.descend(at, starts)
@@ -258,12 +270,14 @@ class BackwardPass:
         areas = self.areas(at, fitted)
         # Scaled so that contours and areas of the pose that is there weigh the same.
         cost = contours * areas[0] + areas * contours[0]
-        if uncovered:
-            cost *= 1.0 + _UNCOVERED_COST * uncovered.area(frame, fitted)
-        limit = _LARGEST_COST_RATIO * cost[0]
-        cost[~self._differ(fitted, there)] = np.inf
-        best = int(np.argmin(cost))
-        return fitted[best : best + 1] if cost[best] < limit else None
+        if covering:
+            cost = self._with_uncovered(frame, fitted, cost)
+        least, limit = np.where(self._differ(fitted, there), cost, np.inf), _LARGEST_COST_RATIO * cost[0]
+        best = int(np.argmin(least))
+        if least[best] < limit and not covering:
+            both = fitted[np.array([best, 0])]
+            least[best], limit = self._with_uncovered(frame, both, np.array([least[best], limit]))
+        return fitted[best : best + 1] if least[best] < limit else None
 
 
 def next_starts(rooting: Rooting, last: np.ndarray, before: np.ndarray) -> RootedPoses:

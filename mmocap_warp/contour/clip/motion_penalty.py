@@ -122,5 +122,4 @@ def _shared(error: np.ndarray) -> np.ndarray:
     """Means (row, joint, value) of errors around each row; the first and the last row stand for those beyond."""
     beyond = len(AROUND) // 2
     padded = np.pad(error, [(beyond, beyond), (0, 0), (0, 0)], mode="edge")
-    shared: np.ndarray = sum(weight * padded[i : i + len(error)] for i, weight in enumerate(AROUND))
-    return shared
+    return np.asarray(sum(weight * padded[i : i + len(error)] for i, weight in enumerate(AROUND)))

@@ -60,8 +60,7 @@ def stretched(factor: np.ndarray) -> JointAxes:
 
     def axes(rooted: RootedPoses) -> np.ndarray:
         along = body_axes(rooted)
-        turned_back: np.ndarray = transposed(along) @ (factor[:, :, None] * along)
-        return turned_back
+        return np.asarray(transposed(along) @ (factor[:, :, None] * along))
 
     return axes
 

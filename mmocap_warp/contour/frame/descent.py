@@ -92,13 +92,11 @@ class Trust:
 
     def alone(self, damping: float) -> np.ndarray:
         """(dof, dof) of coordinates that all frames share, whatever is seen of them."""
-        matrix: np.ndarray = np.diag(damping * self._information)
-        return matrix
+        return np.asarray(np.diag(damping * self._information))
 
     def matrix(self, contour: NormalEquations, damping: np.ndarray) -> np.ndarray:
         """(frame, dof, dof) diagonal matrices to add to normal matrices, for damping (frame,), 1 or more."""
         seen = np.einsum("fdd->fd", contour.matrix)[:, : self._dof]
         information = np.where(contour.observed[:, None], 1.0, _UNSEEN) * self._information
         pull = damping[:, None] * (information + _DIAGONAL_SHARE * (seen + information))
-        diagonal: np.ndarray = pull[:, :, None] * np.eye(self._dof)
-        return diagonal
+        return np.asarray(pull[:, :, None] * np.eye(self._dof))

@@ -35,8 +35,7 @@ class NormalEquations(FrameArrays):
         dof = len(information)
         matrix = self.matrix[:, :dof, :dof]
         rounding = _ROUNDING * np.einsum("fdd->fd", matrix)
-        proper: np.ndarray = matrix + (information + rounding)[:, :, None] * np.eye(dof)
-        return proper
+        return np.asarray(matrix + (information + rounding)[:, :, None] * np.eye(dof))
 
     def plus(self, other: NormalEquations) -> NormalEquations:
         """What both say."""

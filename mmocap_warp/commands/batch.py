@@ -159,7 +159,7 @@ class TrialWorker:
                 if not subject.exists():
                     fitted = track.fit(scene, job.body, **(_KNOWN if job.body else {}) | given)
                     if job.body and float(fitted.provenance["fit.cost"]) > _COSTLY:
-                        fitted = track.fit(scene, job.body, **self._where | {"rigid": True} | given)
+                        fitted = track.fit(scene, job.body, **{"rigid": True, **given})
                     write_subject(subject, fitted)
             elif step == "track":
                 given = self._where | settings["track"]

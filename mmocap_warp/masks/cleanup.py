@@ -44,13 +44,14 @@ def mend_mask(mask: np.ndarray, settings: ForegroundSettings, scale: float) -> n
             m[part] ^= opens
             m[part] = closed(m[part], side)
             m[part] ^= opens
-    box, area = cv2.boundingRect(m), settings.fill_holes * scale**2
-    # What is left of the background beside the foreground is no hole, because that strip is too large for one.
-    inside = m[_around(box, 1 + math.ceil(area / max(1, min(box[2:]))) if area else 0)]
-    if area:
-        inside |= small_components(1 - inside, area, connectivity=4)
-    if settings.min_area:
-        inside ^= small_components(inside, settings.min_area * scale**2, connectivity=8)
+    if settings.fill_holes or settings.min_area:
+        box, area = cv2.boundingRect(m), settings.fill_holes * scale**2
+        # What is left of the background beside the foreground is no hole, because that strip is too large for one.
+        inside = m[_around(box, 1 + math.ceil(area / max(1, min(box[2:]))) if area else 0)]
+        if area:
+            inside |= small_components(1 - inside, area, connectivity=4)
+        if settings.min_area:
+            inside ^= small_components(inside, settings.min_area * scale**2, connectivity=8)
     return m.view(bool)
 
 

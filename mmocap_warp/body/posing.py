@@ -85,8 +85,7 @@ class Poser:
         shape = (joints.transform.shape[0], self._full.rest.shape[1])
         posed = wp.empty(shape, dtype=wp.vec3, device=self._device)
         skin(self._full, joints, posed)
-        vertices: np.ndarray = posed.numpy()
-        return vertices
+        return np.asarray(posed.numpy())
 
     def tracking_vertices(self, pose: np.ndarray) -> np.ndarray:
         """The tracking mesh's vertices in the world for poses (n, coordinate): (n, tracking vertex, 3) float32 [m]."""

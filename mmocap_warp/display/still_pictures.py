@@ -45,18 +45,16 @@ _BOTH_WAYS = np.array([[-1.0], [1.0]])
 _WHOLE_TURN = np.pi  # a joint that may turn farther is drawn with a whole circle
 
 
-def floor_picture(
-    images: Sequence[np.ndarray], rig: CameraRig, heads: np.ndarray, frame: int, title: str
-) -> np.ndarray:
+def floor_picture(shown: Sequence[np.ndarray], rig: CameraRig, heads: np.ndarray, frame: int, title: str) -> np.ndarray:
     """The views of one frame side by side, BGR, with the floor, the person's way and the body's axis, below a title.
 
     Args:
-        images: per camera, undistorted BGR, of the rig's sizes.
+        shown: per camera, undistorted BGR, of the rig's sizes.
         rig: undistorted pinholes; the floor is at zero along ``up``.
-        heads: (frame, 3), the top of the person's head [m]; NaN where not known. The images show that of ``frame``.
+        heads: (frame, 3), the top of the person's head [m]; NaN where not known. They show that of ``frame``.
     """
     views = []
-    for k, image in enumerate(images):
+    for k, image in enumerate(shown):
         canvas = image.copy()
         _draw(canvas, rig.select((rig.names[k],)), heads, frame)
         width = max(1, round(image.shape[1] * _ROW_HEIGHT / image.shape[0]))

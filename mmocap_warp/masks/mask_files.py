@@ -127,9 +127,7 @@ def list_tar(path: Path) -> list[TarMember]:
                 if member.size >= 0 and (member.isdir() or name.name.startswith(".")):
                     continue
                 if not member.isreg() or member.issparse() or not 0 <= member.size <= MAX_BYTES:
-                    raise InputError(
-                        path, f"'{member.name}' is no plain image file", "put nothing but image files there"
-                    )
+                    raise InputError(path, f"'{member.name}' is no plain image file", "put only image files there")
                 members.append(TarMember(member.name, member.offset_data, member.size))
     except InputError:
         raise

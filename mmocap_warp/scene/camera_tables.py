@@ -95,22 +95,20 @@ def read_cameras(
     return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift", rig.placed) if shifts.any() else rig
 
 
-def _uncalibrated(
-    sources: tuple[CameraSource, ...], up: str, table: Table
-) -> tuple[tuple[CameraSource, ...], CameraRig]:
+def _uncalibrated(given: tuple[CameraSource, ...], up: str, table: Table) -> tuple[tuple[CameraSource, ...], CameraRig]:
     """Cameras that have images only, and pinholes of these images' sizes."""
-    sizes = [_recorded_size(source) for source in sources]
-    for source, size in zip(sources, sizes, strict=True):
+    sizes = [_recorded_size(source) for source in given]
+    for source, size in zip(given, sizes, strict=True):
         if size is None:
             raise table.error(f"camera '{source.name}' has neither masks nor a video", "add one of them")
     images = np.array(sizes)
-    K = np.zeros((len(sources), 3, 3))
+    K = np.zeros((len(given), 3, 3))
     K[:, [0, 1], [0, 1]] = images.max(axis=1, keepdims=True)
     K[:, :2, 2], K[:, 2, 2] = 0.5 * (images - 1), 1.0
-    names = tuple(source.name for source in sources)
-    R, t = np.tile(np.eye(3), (len(sources), 1, 1)), np.zeros((len(sources), 3))
-    rig = CameraRig(names, K, R, t, images, np.zeros((len(sources), 5)), up)
-    return tuple(replace(s, recorded_scale=1.0, recorded_offset=(0.0, 0.0)) for s in sources), rig
+    names = tuple(source.name for source in given)
+    R, t = np.tile(np.eye(3), (len(given), 1, 1)), np.zeros((len(given), 3))
+    rig = CameraRig(names, K, R, t, images, np.zeros((len(given), 5)), up)
+    return tuple(replace(s, recorded_scale=1.0, recorded_offset=(0.0, 0.0)) for s in given), rig
 
 
 def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSource:

@@ -48,10 +48,8 @@ def masks_by_program(
     sizes = [(int(width), int(height)) for width, height in scene.rig(scale).size]
     total, sources = scene.frame_count, []
 
-    with ThreadPoolExecutor(1) as ahead:
-        frames = [
-            ahead.submit(_write_frames, scene, k, scale, folder / "frames" / name) for k, name in enumerate(names)
-        ]
+    with ThreadPoolExecutor(1) as pool:
+        frames = [pool.submit(_write_frames, scene, k, scale, folder / "frames" / name) for k, name in enumerate(names)]
         try:
             for k, (source, name, size) in enumerate(zip(scene.cameras, names, sizes, strict=True)):
                 masks = folder / "masks" / name
@@ -63,7 +61,7 @@ def masks_by_program(
                 made = MaskImages(masks, tuple(masks / f"{frame:06d}.png" for frame in range(total)), size)
                 sources.append(replace(source, masks=made, mask_mark=mask_mark(scene, k, scale)))
         finally:
-            ahead.shutdown(cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
     return replace(scene, cameras=tuple(sources), foreground=replace(scene.foreground, source="masks"))
 
 

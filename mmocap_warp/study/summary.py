@@ -208,9 +208,7 @@ class StudySummary:
 
     def of_grid(self, **of: Any) -> list[CellSummary]:
         """The grid's cells, or those of one algorithm, number of degrees of freedom or the like."""
-        return [
-            self.cells[cell] for cell in self.grid if all(getattr(cell, name) == value for name, value in of.items())
-        ]
+        return [self.cells[cell] for cell in self.grid if all(getattr(cell, key) == value for key, value in of.items())]
 
     def find(self, sequence: str, who: Contender) -> CellSummary | None:
         """A cell of the main preset; None where the grid has a gap. A baseline's is of every model and budget."""

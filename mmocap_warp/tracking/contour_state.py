@@ -68,23 +68,20 @@ class ContourState(TrackState):
     def excess(self, area: np.ndarray, largest_usual: float) -> np.ndarray:
         """(run, part) by how much more than usual is uncovered, or than may be usual [m^2]."""
         usual = np.fmin(np.nan_to_num(self.uncovered_levels, nan=np.inf), largest_usual)
-        excess: np.ndarray = np.maximum(area - usual, 0.0)
-        return excess
+        return np.asarray(np.maximum(area - usual, 0.0))
 
-    def looked_at(
-        self, looked: np.ndarray, area: np.ndarray, excess: np.ndarray, standing_out: np.ndarray
-    ) -> ContourState:
+    def looked_at(self, looked: np.ndarray, area: np.ndarray, excess: np.ndarray, astray: np.ndarray) -> ContourState:
         """The state after a look at runs ``looked`` (run,) bool.
 
         What was uncovered near each part, ``area`` (run, part) [m^2], exceeds the usual by ``excess``, likewise;
-        ``standing_out`` (run,) says whether a limb is elsewhere, unless nearly all looks do.
+        ``astray`` (run,) says whether a limb is elsewhere, unless nearly all looks do.
         """
         count = self.look_count + looked
-        outstanding = self.outstanding_count + (looked & standing_out)
-        doubt = standing_out & ~is_usual(outstanding, count)
+        outstanding = self.outstanding_count + (looked & astray)
+        doubt = astray & ~is_usual(outstanding, count)
         usual = np.where(np.isnan(self.uncovered_levels), area, self.uncovered_levels)
         usual = np.where((looked & ~doubt)[:, None], usual + _LEVEL_SHARE * (area - usual), self.uncovered_levels)
-        failed = np.where(standing_out, self.failed_looks + 1, 0)
+        failed = np.where(astray, self.failed_looks + 1, 0)
         return replace(
             self,
             uncovered_levels=usual.astype(np.float32),
@@ -98,8 +95,7 @@ class ContourState(TrackState):
     @cached_property
     def level_known(self) -> np.ndarray:
         """(run,) bool: whether there were frames enough to know the usual overlap."""
-        known: np.ndarray = (self.overlap_levels > 0).sum(axis=1) >= _LEAST_FRAMES
-        return known
+        return np.asarray((self.overlap_levels > 0).sum(axis=1) >= _LEAST_FRAMES)
 
     def settled(self) -> ContourState:
         """The state as if the last frame had come often enough for its overlap to be the usual one."""
@@ -116,8 +112,7 @@ class ContourState(TrackState):
         run = np.arange(len(levels))
         lower = ordered[run, np.maximum(count - 1, 0) // 2]
         upper = ordered[run, np.minimum(count // 2, LEVEL_FRAMES - 1)]
-        median: np.ndarray = (lower + upper) / np.float32(2)
-        return median
+        return np.asarray((lower + upper) / np.float32(2))
 
     def falls_short(self, answer: Candidates, fall: float, exposed: float) -> np.ndarray:
         """(run,) bool: whether an answer overlaps less than usual, or has limbs where nobody is seen.

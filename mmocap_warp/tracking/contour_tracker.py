@@ -252,8 +252,7 @@ class ContourTracker:
         search.run()
         self._has_searched = True
         search.counter.assign(np.where(wanted, search.counter.numpy(), counter).astype(np.int32))
-        starts: np.ndarray = search.best_pose.numpy()[:, None].copy()
-        return starts
+        return np.asarray(search.best_pose.numpy()[:, None].copy())
 
     def _most_covering(self, fitted: Candidates, observation: Observation) -> Candidates:
         """Of poses (run x start), each run's best by what it leaves uncovered, too, among those that overlap most."""
@@ -278,8 +277,7 @@ class ContourTracker:
         pose, tally, *_ = self._answers.read(starts.shape[0] * starts.shape[1])
         cost = tally[:, :, 0].sum(axis=1).reshape(starts.shape[:2])
         best = np.argsort(cost, axis=1, kind="stable")[:, :_PROMISING]
-        promising: np.ndarray = np.take_along_axis(pose.reshape(starts.shape), best[:, :, None], axis=1)
-        return promising
+        return np.asarray(np.take_along_axis(pose.reshape(starts.shape), best[:, :, None], axis=1))
 
     def _fitted(self, starts: np.ndarray, observation: Observation, steps: int) -> Candidates:
         """The poses (run x start) that contours lead to from starts (run, start, coordinate)."""

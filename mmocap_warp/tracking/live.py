@@ -147,8 +147,7 @@ class _Window:
 
     def _is_tracked(self, answer: FrameAnswer) -> np.ndarray:
         """(run,) bool: the runs that are not lost."""
-        is_tracked: np.ndarray = np.broadcast_to(answer.status, len(self._lags)) != _LOST
-        return is_tracked
+        return np.asarray(np.broadcast_to(answer.status, len(self._lags)) != _LOST)
 
     def _final(self, solved: list[RootedPoses]) -> Iterator[LiveFrame]:
         """The oldest frames, with the poses that were solved for each run."""

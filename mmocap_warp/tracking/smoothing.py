@@ -176,11 +176,9 @@ class _MaskWindow:
             to_end = self._places - self._read % self._places
             self._observe(min(_OBSERVED, to_end, end - self._read))
 
-    def descend(
-        self, frames: np.ndarray, starts: RootedPoses, neighbours: Neighbours
-    ) -> tuple[RootedPoses, np.ndarray]:
+    def descend(self, frames: np.ndarray, begin: RootedPoses, neighbours: Neighbours) -> tuple[RootedPoses, np.ndarray]:
         """Poses that the contours of frames of the window lead to from some, and what they cost (pose,)."""
-        return self._fitter.descended(frames % self._places, starts, neighbours, _STEPS)
+        return self._fitter.descended(frames % self._places, begin, neighbours, _STEPS)
 
     def pairs_from_rest(self, frame: int, there: RootedPoses) -> RootedPoses:
         """Poses (pair,) that the contours lead to from one (1,) with each pair of limbs at rest."""

@@ -11,9 +11,7 @@ from mmocap_warp.result import CONFIGURED_LENGTHS
 from mmocap_warp.silhouettes import COSTS, RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGET, BUDGETS, CONTOUR_TRACKERS, PRESETS
 
-_FLAT, _BY_PARTS = (
-    [name for name, each in ALGORITHMS.items() if each.hierarchical == parts] for parts in (False, True)
-)
+_FLAT, _BY_PARTS = ([name for name, one in ALGORITHMS.items() if one.hierarchical == parts] for parts in (False, True))
 
 
 AS_GIVEN, REFINE = "as given", "refine"

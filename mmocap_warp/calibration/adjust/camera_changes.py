@@ -43,9 +43,7 @@ class Deviations:
     rotation: float = setting(5.0, "Deviation of a camera's rotation about each of its axes, in degrees; 0 holds it.")
     position: float = setting(0.2, "Deviation of its position along each of its axes, in metres; 0 holds it.")
     focal: float = setting(0.02, "Deviation of its focal length, as a share of it; 0 holds it.")
-    centre: float = setting(
-        0.01, "Deviation of its principal point, as a share of the image's larger side; 0 holds it."
-    )
+    centre: float = setting(0.01, "Deviation of its principal point as a share of the image's larger side; 0 holds it.")
     offset: float = setting(0.05, "Deviation of its time offset, in seconds; 0 holds it.")
 
     def __post_init__(self) -> None:

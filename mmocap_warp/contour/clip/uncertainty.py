@@ -51,8 +51,7 @@ to stretch them along some."""
 
 def body_axes(rooted: RootedPoses) -> np.ndarray:
     """(frame, 1, 3, 3): to the body's left, up and ahead."""
-    axes: np.ndarray = transposed(rooted.base)[:, None]
-    return axes
+    return np.asarray(transposed(rooted.base)[:, None])
 
 
 def stretched(factor: np.ndarray) -> JointAxes:
@@ -229,8 +228,7 @@ def _systematic(by_body: np.ndarray, body: np.ndarray, change: np.ndarray, alone
     remains = by_body @ change.sum(axis=1)
     by_view = by_body @ change + alone
     scatter = views / max(views - 1, 1) * views * by_view.var(axis=2)
-    sigma: np.ndarray = np.sqrt(_sigma(by_body, body) ** 2 + remains**2 + scatter)
-    return sigma
+    return np.asarray(np.sqrt(_sigma(by_body, body) ** 2 + remains**2 + scatter))
 
 
 def misfit(contour: NormalEquations, searched: np.ndarray, usual: float = USUAL_MISFIT) -> float:
@@ -270,8 +268,7 @@ def combine(
 def _interpolated(frames: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (n, ...) of the frames ``at``, and between them by their distances, in other frames."""
     columns = [np.interp(frames, at, column) for column in values.reshape(len(at), -1).T]
-    between: np.ndarray = np.stack(columns, axis=1).reshape(len(frames), *values.shape[1:])
-    return between
+    return np.asarray(np.stack(columns, axis=1).reshape(len(frames), *values.shape[1:]))
 
 
 def _along(axes: JointAxes | None, rooted: RootedPoses, derivative: np.ndarray) -> np.ndarray:
@@ -281,5 +278,4 @@ def _along(axes: JointAxes | None, rooted: RootedPoses, derivative: np.ndarray) 
 
 def _sigma(derivative: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """(frame, value) standard deviations of values with derivatives (frame, value, dof)."""
-    sigma: np.ndarray = np.sqrt(((derivative @ covariance) * derivative).sum(axis=-1))
-    return sigma
+    return np.asarray(np.sqrt(((derivative @ covariance) * derivative).sum(axis=-1)))

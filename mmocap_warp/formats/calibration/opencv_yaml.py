@@ -142,9 +142,7 @@ def write_opencv_yaml(path: str | Path, rig: CameraRig) -> None:
     inside, outside = [_HEADER, names], [_HEADER, names]
     for k, name in enumerate(rig.names):
         if re.fullmatch(r"[\w-]+", name, re.ASCII) is None:
-            raise InputError(
-                path, f"OpenCV's YAML allows no camera name '{name}'", "name it with letters, digits, _ and -"
-            )
+            raise InputError(path, f"OpenCV's YAML allows no camera name '{name}'", "use letters, digits, _ and -")
         inside += [_matrix_text(f"K_{name}", rig.K[k]), _matrix_text(f"dist_{name}", rig.distortion[k : k + 1])]
         inside += [f"W_{name}: {rig.size[k, 0]}\n", f"H_{name}: {rig.size[k, 1]}\n"]
         outside += [_matrix_text(f"R_{name}", cv2.Rodrigues(rig.R[k])[0]), _matrix_text(f"Rot_{name}", rig.R[k])]

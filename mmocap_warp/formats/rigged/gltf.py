@@ -297,9 +297,7 @@ def _file_inside(folder: Path, name: str, source: object) -> Path:
     except (OSError, ValueError):  # such as a name with a zero byte
         raise InputError(source, f"names a file {name!r}, which is not a valid name", "correct that name") from None
     if not file.is_relative_to(root):
-        raise InputError(
-            source, f"names '{name}', which is outside {folder}", "copy that file there, and correct its name"
-        )
+        raise InputError(source, f"names '{name}', which is outside {folder}", "copy it there, and correct its name")
     if not exists:
         raise InputError(source, f"names '{name}', which is not in {folder}", "copy that file there")
     return file

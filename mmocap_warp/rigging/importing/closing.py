@@ -247,8 +247,7 @@ def _pieces(start: np.ndarray, end: np.ndarray, count: int) -> np.ndarray:
     from scipy.sparse.csgraph import connected_components
 
     graph = coo_matrix((np.ones(len(start)), (start, end)), shape=(count, count))
-    piece: np.ndarray = connected_components(graph, directed=False)[1]
-    return piece
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _hole_rims(face: np.ndarray) -> list[list[int]] | None:

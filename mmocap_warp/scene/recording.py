@@ -267,7 +267,9 @@ class Scene:
             return nothing if mask is None else keep_mended(mask, self.foreground, scale, lambda: last[k])
 
         kept: list[np.ndarray] = empty
-        count = min(len(empty), available_threads())  # OpenCV lets other threads run
+        # OpenCV lets other threads run; a thread more than mask files keep busy takes Python's lock from the tracker.
+        kept_busy = 1 + sum(mask.size for mask in empty) // 1_000_000
+        count = min(kept_busy if self.foreground.source == "masks" else len(empty), len(empty), available_threads())
         with ExitStack() as stack:
             pools = [stack.enter_context(ThreadPoolExecutor(count)) for _ in range(2)]
             keeping, reading = (pool.map if count > 1 else map for pool in pools)  # an idle pool has no thread

@@ -32,7 +32,7 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.display.page.viewer import filled, resource
 from mmocap_warp.display.result_video import overlay
 from mmocap_warp.errors import InputError, UsageError, input_errors
-from mmocap_warp.fitting.fit_config import FitConfig
+from mmocap_warp.fitting.fit_config import KNOWN, FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.formats.usd.usd_body import write_body, write_subject
@@ -53,7 +53,6 @@ STEPS = ("mask", "fit", "track", "eval", "view")
 
 _FITTED = 3  # trials of a person that are fitted, and give the body together
 _FAILED = 2.0  # times as much as the best of these a fit costs that has gone wrong: sound ones cost up to 1.75
-_KNOWN: dict[str, Any] = {"rigid": True, "headings": 4, "evaluations": 300, "finalists": 1}  # found with less
 _COSTLY = 0.07  # a known body that costs more is found with all: sound ones cost .04 to .06, with legs exchanged .095
 _SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
     kind: {each.name for each in fields(config)} - {"device", "threads"}
@@ -157,7 +156,7 @@ class TrialWorker:
                 subject = job.folder / "subject.usdc"
                 given = self._where | {"reporter": notes} | settings["fit"]
                 if not subject.exists():
-                    fitted = track.fit(scene, job.body, **(_KNOWN if job.body else {}) | given)
+                    fitted = track.fit(scene, job.body, **(KNOWN if job.body else {}) | given)
                     if job.body and float(fitted.provenance["fit.cost"]) > _COSTLY:
                         fitted = track.fit(scene, job.body, **{"rigid": True, **given})
                     write_subject(subject, fitted)

@@ -7,7 +7,7 @@ frame alone made of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,22 +71,23 @@ def solve_body_in_clip(
     fps: float,
     frames: int,
     config: TrackConfig,
-) -> tuple[Subject, float, np.ndarray]:
+) -> tuple[Subject, float, np.ndarray, Followed]:
     """Follow a subject through a clip and solve its body from some of the frames.
 
     The subject has the pose of the first frame, and its body is expected to be the generic one. The clip's frames, such
     as those of :func:`frames_to_follow`, are ``fps`` a second; the body is solved from so many ``frames``, at most.
 
     Returns:
-        The solved body in the first frame's pose; what contours cost in a frame, more, the sooner a frame was lost; and
-        where the joints were while the subject was followed, (frame, joint, 3) [m].
+        The solved body in the first frame's pose; what contours cost in a frame, more, the sooner a frame was lost;
+        where the joints were while the subject was followed, (frame, joint, 3) [m]; and the frames that solved it.
     """
     clip, skeleton = list(clip), subject.body.skeleton
     followed = follow(subject, rig, clip, fps, config)
     device, threads = resolve_device(config.device), config.threads or available_threads()
-    solved, cost = solve_body(subject, generic, rig, followed.spread(frames), device, threads)
+    chosen = followed.spread(frames)
+    solved, cost = solve_body(subject, generic, rig, [chosen], device, threads)
     places = MotionPoints(skeleton, subject.body.joint_rest, skeleton.searched()).at(followed.rooted)
-    return solved, cost * len(clip) / len(followed.rooted), places[:, ::POINTS_A_JOINT]
+    return solved, cost * len(clip) / len(followed.rooted), places[:, ::POINTS_A_JOINT], chosen
 
 
 def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float, config: TrackConfig) -> Followed:
@@ -124,11 +125,12 @@ def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float
 
 
 def solve_body(
-    subject: Subject, generic: BodyModel, rig: CameraRig, followed: Followed, device: str, threads: int
+    subject: Subject, generic: BodyModel, rig: CameraRig, parts: Sequence[Followed], device: str, threads: int
 ) -> tuple[Subject, float]:
     """The subject's body and the poses of frames as one problem; of a body on a base, where that stands too.
 
     The body starts as the subject's and is expected to be the generic one. The first of the frames is the subject's.
+    Of several ``parts`` of a recording all have neighbours.
 
     Returns:
         The solved body in the first frame's pose, and what contours cost in a frame.
@@ -137,16 +139,20 @@ def solve_body(
     skeleton, still = (own.with_free_root(), ROOT_ANGLES.stop) if own.root_is_fixed else (own, 0)
     generic = replace(generic, skeleton=skeleton)
     space = RestSpace(generic)
-    count, parameters = len(followed.rooted), len(space.names)
+    rooted, *more = (part.rooted for part in parts)
+    rooted = rooted.followed_by(*more)
+    neighbours, *others = (part.neighbours for part in parts)
+    neighbours = neighbours and neighbours.followed_by(*filter(None, others))
+    count, parameters = len(rooted), len(space.names)
     fitter = ContourFitter(
         generic, rig, skeleton.searched(), skeleton.coordinate_limits,
         candidates=count, frames=count, parameters=parameters, device=device, threads=threads,
     )  # fmt: skip
-    for place, observation in enumerate(followed.observation):
+    for place, observation in enumerate(observation for part in parts for observation in part.observation):
         fitter.observe(place, observation)
 
-    problem = body_problem(fitter, space, subject.root_base, PRIOR, followed.neighbours, still)
-    solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
+    problem = body_problem(fitter, space, subject.root_base, PRIOR, neighbours, still)
+    solution = problem.solved(np.arange(count), rooted, space.nearest(subject.body), _BODY_STEPS)
     pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
     shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}

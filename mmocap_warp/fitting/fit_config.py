@@ -1,11 +1,15 @@
 """The settings of a fit, checked."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from mmocap_warp.formats.toml_table import describes_settings, setting
 
 LONGEST_IMAGE = 480
 """The longer side of the images that a fit looks at unless a scale is given [px]: plenty for a shape."""
+
+KNOWN: dict[str, Any] = {"rigid": True, "headings": 4, "evaluations": 300, "finalists": 1}
+"""Settings with which a known body is found, with less work."""
 
 
 @describes_settings
@@ -17,14 +21,12 @@ class FitConfig:
     scale: float | None = setting(
         None, "Of masks and cameras, up to 1.", f"images {LONGEST_IMAGE} pixels long, which is plenty for a shape"
     )
-    headings: int = setting(
-        8, "Evenly spread starting directions; of a body that starts anyhow, the best of many starts."
-    )
+    headings: int = setting(8, "Evenly spread starting directions; of a body that starts anyhow, best of many starts.")
     evaluations: int = setting(1000, "Spent on each heading.", flag=False)
     finalists: int = setting(4, "Headings whose limbs are searched.", flag=False)
     frames: int = setting(
         16,
-        "Of the clip's first seconds that the body is solved from; 1 takes it from the first frame alone.",
+        "Of the clip's first seconds, and of later ones, that show the body; 1 takes it from the first frame alone.",
         flag=False,
     )
     rigid: bool | None = setting(

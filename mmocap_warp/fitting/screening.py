@@ -30,9 +30,7 @@ def usual_poses(skeleton: Skeleton, any_pose: bool, seed: int) -> np.ndarray:
     return poses
 
 
-def screened_starts(
-    space: ShapeSpace, frame: FirstFrame, hull: np.ndarray, poses: np.ndarray, count: int
-) -> np.ndarray:
+def screened_starts(space: ShapeSpace, frame: FirstFrame, hull: np.ndarray, poses: np.ndarray, most: int) -> np.ndarray:
     """The best starts (start, coordinate) of a space, each somewhere else, the best first.
 
     Poses (pose, coordinate) are turned about in the middle of the masks' hull (point, 3) [m]: a body that stands to all
@@ -48,8 +46,8 @@ def screened_starts(
         scale = np.clip(np.sqrt(observation.foreground.sum() / np.maximum(area, 1)), _SMALLEST, _LARGEST)
         candidates = _turned_poses(space, poses, hull, scale)
         cost, _ = _judged(objective, candidates, seen)
-    best_first = np.argsort(cost, kind="stable")[: _COMPARED * count]
-    return _distinct(space, candidates[best_first], count)
+    best_first = np.argsort(cost, kind="stable")[: _COMPARED * most]
+    return _distinct(space, candidates[best_first], most)
 
 
 def _turned_poses(space: ShapeSpace, poses: np.ndarray, hull: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -118,8 +118,7 @@ def search_starts(
     search = Search(objective, [optimizer], evaluations, space.limits(skeleton.coordinate_limits))
     search.best_pose.assign(starts.astype(np.float32))
     search.run()
-    found: np.ndarray = search.best_pose.numpy().copy()
-    return found
+    return np.asarray(search.best_pose.numpy().copy())
 
 
 def _spread(space: ShapeSpace) -> np.ndarray:

@@ -6,13 +6,15 @@
    best of these are fitted.
 3. Contours take each to the bottom of its basin, body included. The limbs of the best few are drawn at random
    until nothing is gained.
-4. The first seconds of the clip are followed by contours, and some of their frames solved for the body together.
+4. The first seconds of the clip, and later ones of a long clip, are followed by contours. Some of their frames are
+   solved for the body together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -30,8 +32,15 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
-from mmocap_warp.fitting.clip_body import frames_to_follow, solve_body_in_clip, with_base_still
-from mmocap_warp.fitting.fit_config import LONGEST_IMAGE, FitConfig
+from mmocap_warp.fitting.clip_body import (
+    Followed,
+    follow,
+    frames_to_follow,
+    solve_body,
+    solve_body_in_clip,
+    with_base_still,
+)
+from mmocap_warp.fitting.fit_config import KNOWN, LONGEST_IMAGE, FitConfig
 from mmocap_warp.fitting.frame_fit import PATIENCE, FrameFit, Guess, by_turns
 from mmocap_warp.fitting.screening import screened_starts, usual_poses
 from mmocap_warp.fitting.standing_search import (
@@ -63,6 +72,8 @@ _NEAR, _FAR = 0.2, 0.4  # spreads of joints that begin near rest, and of a perso
 _FAR_SHARE = 3  # times as many evaluations as usual find joints that begin far
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
 _LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
+_MOST_PARTS, _PART_SECONDS = 3, 4.0  # a long recording shows the body in so many parts, each from so much of it [s]
+_FAILED = 1.5  # a part that costs so many times as much as the first was not followed
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
 
 
@@ -94,11 +105,14 @@ def fit(
     """
     body = carrying(body, scene.attached).body
     scale = config.scale or min(1.0, LONGEST_IMAGE / float(scene.rig().size.max()))
-    numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
-    observations = islice(scene.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step)
+    available = scene.frame_count if config.frames > 1 else 1
+    numbers = frames_to_follow(scene.rate, available)
+    count = max(1, min(_MOST_PARTS, int(available / scene.rate / _PART_SECONDS)))
+    parts = (scene.of_frames(scene.frames[available * part // count :]) for part in range(count))
+    first, *later = (islice(part.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step) for part in parts)
     try:
         subject = fit_clip(
-            body, scene.rig(scale), scene.rate / numbers.step, observations, config, progress, start_poses,
+            body, scene.rig(scale), scene.rate / numbers.step, first, config, progress, start_poses, later,
         )  # fmt: skip
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
@@ -118,8 +132,9 @@ def fit_clip(
     config: FitConfig | None = None,
     progress: FitProgress | None = None,
     start_poses: np.ndarray | None = None,
+    later: Iterable[Iterable[Observation]] = (),
 ) -> Subject:
-    """Fit a body to consecutive frames: the first finds the pose, all of them the shape.
+    """Fit a body to consecutive frames: the first finds the pose, all of them, and ``later`` such frames, the shape.
 
     See :func:`fit`. The cameras are undistorted, at the masks' size. Of more than one frame, such as those of
     :func:`mmocap_warp.fitting.clip_body.frames_to_follow`, all are in memory. The scale of ``config`` is not used.
@@ -131,7 +146,7 @@ def fit_clip(
     if unit != 1:  # what is in metres below holds for people
         starts = None if start_poses is None else start_poses / body.skeleton.units(unit)
         own = body.in_unit(unit), rig.in_unit(unit)
-        return fit_clip(*own, fps, observations, config, progress, starts).in_unit(1 / unit)
+        return fit_clip(*own, fps, observations, config, progress, starts, later).in_unit(1 / unit)
     task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None), start_poses)
     observations = iter(observations)
     first = next(observations)
@@ -143,30 +158,47 @@ def fit_clip(
     clip = [first] if task.body_is_given and not close else [first, *observations]
     # Motion decides between ways to see the first frame that are nearly as good.
     ways = _with_clip_bodies(task, clip, fps, [task.subject(guess, verdict) for guess in (best, *close)])
-    (subject, cost, places), *others_in_clip = sorted(ways, key=lambda way: way[1])
+    (subject, cost, places, followed), *others_in_clip = sorted(ways, key=lambda way: way[1])
     others_in_clip = [way for way in others_in_clip if _stay_apart(places, way[2], body.relative_size)]
     decided = "yes"
     if others_in_clip:
         margin = others_in_clip[0][1] / cost - 1
         verdict["fit.clip_margin"] = margin
         decided = "no" if margin < _LEAST_CLIP_MARGIN else "yes"
+    if not task.body.rigid:
+        subject = _with_later_frames(task, subject, fps, followed, later)
     task.progress("body", 1.0, best.cost)
     return replace(subject, provenance=subject.provenance | verdict | {"fit.decided": decided})
 
 
 def _with_clip_bodies(
     task: _Task, clip: list[Observation], fps: float, subjects: list[Subject]
-) -> list[tuple[Subject, float, np.ndarray]]:
+) -> list[tuple[Subject, float, np.ndarray, Followed]]:
     """Each subject with the body of the frames that it can be followed through: :func:`solve_body_in_clip`'s."""
     count, threads = task.at_a_time(len(subjects))
     settings = TrackConfig(seed=task.config.seed, device=task.device, threads=threads)
-    generic = replace(task.body, skeleton=task.generic.skeleton)
 
-    def solved(subject: Subject) -> tuple[Subject, float, np.ndarray]:
-        return solve_body_in_clip(subject, generic, task.rig, clip, fps, task.config.frames, settings)
+    def solved(subject: Subject) -> tuple[Subject, float, np.ndarray, Followed]:
+        return solve_body_in_clip(subject, task.expected, task.rig, clip, fps, task.config.frames, settings)
 
     with ThreadPoolExecutor(count) as pool:
         return list(pool.map(solved, subjects))
+
+
+def _with_later_frames(
+    task: _Task, subject: Subject, fps: float, followed: Followed, later: Iterable[Iterable[Observation]]
+) -> Subject:
+    """A subject whose body later parts of a long recording show too: a body in other poses is seen better."""
+    known = _Task(subject.body, task.rig, replace(task.config, **KNOWN), lambda stage, done, cost: None)
+    settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
+    parts = [followed]
+    for clip in map(list, later):
+        with suppress(NoSubjectError):
+            there = known.subject(_first_frame(known, clip[0])[0], {})
+            part = follow(there, task.rig, clip, fps, settings)
+            if part.neighbours and part.cost.mean() < _FAILED * followed.cost.mean():
+                parts.append(part.spread(task.config.frames))
+    return solve_body(subject, task.expected, task.rig, parts, task.device, task.threads)[0] if parts[1:] else subject
 
 
 @dataclass(frozen=True)
@@ -185,6 +217,11 @@ class _Task:
         generic, rigid = self.generic, self.config.rigid
         skeleton = generic.skeleton.with_free_root() if generic.skeleton.root_is_fixed else generic.skeleton
         return replace(generic, skeleton=skeleton, rigid=generic.rigid if rigid is None else rigid)
+
+    @property
+    def expected(self) -> BodyModel:
+        """What a clip's body is expected to be: the generic one, with its own skeleton."""
+        return replace(self.body, skeleton=self.generic.skeleton)
 
     @property
     def body_is_given(self) -> bool:

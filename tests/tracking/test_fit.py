@@ -38,7 +38,7 @@ from mmocap_warp.fitting.subject_fit import (
 )
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_subject
-from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.rigging.attaching import carrying
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
@@ -113,6 +113,42 @@ def test_a_fit_repeats_bit_by_bit_at_any_number_of_threads(clip, generic):
     np.testing.assert_array_equal(first.pose, second.pose)
     np.testing.assert_array_equal(first.body.skin.rest, second.body.skin.rest)
     np.testing.assert_array_equal(first.root_base, second.root_base)
+
+
+def test_later_frames_show_the_body_too(clip, monkeypatch):
+    """Where nobody is seen, or the body costs far more than before, a part shows nothing."""
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 1)
+    rig, frames = clip
+    short = replace(QUICK, headings=2, evaluations=48, finalists=1, frames=2)
+    masks = [unpack_masks(each.words, rig.size) for each in frames]
+    nobody = [Observation.from_masks([np.zeros_like(mask) for mask in each]) for each in masks]
+    halves = [Observation.from_masks([mask & (np.arange(160) < 80) for mask in each]) for each in masks]
+    alone, *others = (
+        fit_clip(synthetic_body(), rig, 30.0, frames, short, later=later)
+        for later in ([], [nobody], [halves], [frames[::-1], nobody])
+    )
+    assert [each.provenance["fit.frames"] for each in (alone, *others)] == [2, 2, 2, 4]
+    np.testing.assert_array_equal(others[1].body.skin.rest, alone.body.skin.rest)
+    assert not np.array_equal(others[2].body.skin.rest, alone.body.skin.rest)
+    given = fit_clip(alone.body, rig, 30.0, frames, replace(short, rigid=True), later=[frames])
+    np.testing.assert_array_equal(given.body.skin.rest, alone.body.skin.rest)
+
+
+@pytest.mark.parametrize(
+    ("fps", "frames", "starts"),
+    [(8.0, 16, [0, 32]), (8.1, 16, [0]), (4.0, 16, [0, 21, 42]), (2.0, 16, [0, 21, 42]), (2.0, 1, [0])],
+)
+def test_a_long_recording_is_seen_in_two_or_three_parts(walk, man, fps, frames, starts, monkeypatch):
+    def numbers(subject, rig, rate, first, config, progress, start_poses, later):
+        seen.extend(list(part) for part in (first, *later))
+        return synthetic_subject()
+
+    seen = []
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.fit_clip", numbers)
+    monkeypatch.setattr(type(walk), "observations", lambda scene, scale, count: iter(scene.frames[:count]))
+    fit(replace(walk, fps=fps), man, replace(QUICK, frames=frames))
+    count = round(2 * fps) if frames > 1 else 1
+    assert seen == [list(range(start, start + count)) for start in starts]
 
 
 def test_a_fitted_subject_survives_its_file(subject, tmp_path):
@@ -260,7 +296,7 @@ def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, apart
     places[-1][:apart] = 0.2
     monkeypatch.setattr(
         "mmocap_warp.fitting.subject_fit._with_clip_bodies",
-        lambda task, clip, fps, subjects: [(each, next(asked), places.pop(0)) for each in subjects],
+        lambda task, clip, fps, subjects: [(each, next(asked), places.pop(0), None) for each in subjects],
     )
     monkeypatch.setattr(
         "mmocap_warp.fitting.subject_fit._first_frame", lambda task, observation: (guesses[0], {"turned": guesses[1]})

@@ -7,8 +7,8 @@ the angles of the usual kind when they have finished.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
@@ -19,10 +19,10 @@ _ROOM = 10.0  # width of the room that a place without limits is in [m]
 
 
 class FrameArrays:
-    """A frozen dataclass all of whose fields are arrays, or such dataclasses again, with one frame a row."""
+    """A frozen dataclass of arrays, or such dataclasses again, with one frame a row, and of what all frames share."""
 
     def __getitem__(self, frames: slice | np.ndarray) -> Self:
-        return type(self)(*(value[frames] for value in vars(self).values()))
+        return type(self)(*(value if np.isscalar(value) else value[frames] for value in vars(self).values()))
 
     def where(self, taken: np.ndarray, other: Self) -> Self:
         """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
@@ -32,12 +32,13 @@ class FrameArrays:
     def followed_by(self, *more: Self) -> Self:
         """These frames, then the others."""
         columns = zip(*(vars(each).values() for each in (self, *more)), strict=True)
-        return type(self)(
-            *(
-                first.followed_by(*rest) if isinstance(first, FrameArrays) else np.concatenate([first, *rest])
-                for first, *rest in columns
-            )
-        )
+        return type(self)(*(_joined(*column) for column in columns))
+
+
+def _joined(first: Any, *rest: Any) -> Any:
+    if isinstance(first, FrameArrays):
+        return first.followed_by(*rest)
+    return first if np.isscalar(first) else np.concatenate([first, *rest])
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ class RootedPoses(FrameArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Neighbours:
+class Neighbours(FrameArrays):
     """The poses before and after some: they tell how the skin moves, for views that were taken at another time."""
 
     before: RootedPoses  # anything where there is none
@@ -90,9 +91,6 @@ class Neighbours:
         last = len(course) - 1
         sides = ((frames > 0) + 2 * (frames < last)).astype(np.int32)
         return cls(course[np.maximum(frames - 1, 0)], course[np.minimum(frames + 1, last)], sides, rate, curved)
-
-    def __getitem__(self, poses: slice | np.ndarray) -> Neighbours:
-        return replace(self, before=self.before[poses], after=self.after[poses], sides=self.sides[poses])
 
 
 class Rooting:

@@ -156,7 +156,7 @@ def report_study(
     """Write a study's results as one HTML page that needs no network, with ``tables.md`` and ``results.csv`` beside it.
 
     Args:
-        results: what :func:`run_study` wrote: one folder or several.
+        results: what ``mmocap study run`` wrote: one folder or several.
         output: the page, .html; beside it go tables.md, the tables as text, and results.csv, a line for each cell.
         studies: studies, or their TOML files: they say what should be there, so that what is missing is listed, and
             where sequences of your own are, for pictures of the tracked body over them.

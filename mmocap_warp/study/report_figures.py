@@ -200,17 +200,17 @@ def times_and_errors(study: StudySummary, measure: Measure) -> dict[str, list[tu
 def _names_beside(dots_of: dict[str, list[tuple[float, float]]]) -> list[str]:
     """Names by the first dot (x, y) of each algorithm: right of it, left of it or above it, where no other dot is."""
     every = [dot for places in dots_of.values() for dot in places]
-    parts, below = [], {"start": -np.inf, "end": -np.inf, "middle": -np.inf}
+    parts, above = [], {"start": np.inf, "end": np.inf, "middle": np.inf}
     first = {name: places[0] for name, places in dots_of.items()}
-    for name, (across, height) in sorted(first.items(), key=lambda dot: dot[1][1]):
+    for name, (across, height) in sorted(first.items(), key=lambda dot: -dot[1][1]):
         apart = [x - across for x, y in every if abs(y - height) < _NAME_HEIGHT]
         anchor, x, y = "middle", across, height - 13
         if not any(0 < away < _NAME_WIDTH for away in apart):
             anchor, x, y = "start", across + 9, height + 4
         elif not any(_DOT_WIDTH < -away < _NAME_WIDTH for away in apart):  # nearer dots' names are on the left, too
             anchor, x, y = "end", across - 9, height + 4
-        below[anchor] = max(y, below[anchor] + _NAME_HEIGHT)
-        parts.append(_marked(name, chart.text((x, below[anchor]), algorithm_label(name), "series", anchor)))
+        above[anchor] = min(y, above[anchor] - _NAME_HEIGHT)  # downwards a name would meet a dot
+        parts.append(_marked(name, chart.text((x, above[anchor]), algorithm_label(name), "series", anchor)))
     return parts
 
 

@@ -115,8 +115,10 @@ def stated(sequence: StudySequence, first: int, generic: BodyModel) -> Stated:
     begins = space.model(_SHAPE_KNOWN * space.nearest(near))
     rooting = Rooting(generic.skeleton, base, generic.skeleton.searched())
     poses = _near_truth(sequence, begins, spread)
-    followed = Followed([sequence.observation(int(f)) for f in spread], rooting.enter(poses), np.zeros(len(spread)))
-    subject, _ = solve_body(Subject(begins, base, poses[0], {}), generic, sequence.rig, [followed], "cpu", 1)
+    followed = Followed(
+        np.array([sequence.observation(int(f)) for f in spread]), rooting.enter(poses), np.zeros(len(spread))
+    )
+    subject, _ = solve_body(Subject(begins, base, poses[0], {}), generic, sequence.rig, followed, "cpu", 1)
     clip = _Clip(sequence, subject, frames)
     window = next(clip.problem.windows(rooting.enter(_near_truth(sequence, begins, frames))))
     sigma = clip.deviations(window)

@@ -142,9 +142,7 @@ def _available_joints(body: BodyModel) -> list[tuple[str, tuple[str, str]]]:
 def _zxy(rotation: np.ndarray) -> np.ndarray:
     """(3, frame) angles a, b, c [rad] of rotations ``Rz(a) @ Rx(b) @ Ry(c)``, (frame, 3, 3)."""
     r = np.moveaxis(rotation, 0, 2)
-    return np.stack(
-        [np.arctan2(-r[0, 1], r[1, 1]), np.arcsin(np.clip(r[2, 1], -1.0, 1.0)), np.arctan2(-r[2, 0], r[2, 2])]
-    )
+    return np.stack([np.arctan2(-r[0, 1], r[1, 1]), np.arcsin(np.clip(r[2, 1], -1, 1)), np.arctan2(-r[2, 0], r[2, 2])])
 
 
 def _yxy(rotation: np.ndarray) -> np.ndarray:

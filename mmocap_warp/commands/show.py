@@ -341,9 +341,7 @@ def export(
         new_file(file, *table.EXPORT_SUFFIXES, force=force)
     start_warp()
     for file, part in parts.items():
-        of_file = {
-            name: _chosen(of_run(each, number), raw, frames, fps, rig, up) for name, (each, number) in part.items()
-        }
+        of_file = {name: _chosen(of_run(each, run), raw, frames, fps, rig, up) for name, (each, run) in part.items()}
         chosen, (tracked, _) = next(iter(of_file.values())), next(iter(part.values()))
         points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
         table.export(of_file if together else chosen, file, table.POINT_CACHES if bake else table.EXPORTS, points)

@@ -7,8 +7,9 @@ frame alone made of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import BodySolution, body_problem
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.fitter import ContourFitter
-from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
+from mmocap_warp.contour.frame.rooted import FrameArrays, Neighbours, RootedPoses, Rooting
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.fitting.frame_fit import PRIOR
@@ -39,10 +40,10 @@ _OUTLINE = 0.012  # standard deviation that all outlines have in common, of shad
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
+class Followed(FrameArrays):
     """Frames and their poses."""
 
-    observation: list[Observation]  # of each frame
+    observation: np.ndarray  # (frame,), an Observation each
     rooted: RootedPoses  # the poses
     cost: np.ndarray  # (frame,) float64, of the tracker's answers
     # the poses before and after each, for late views. The body moves on a straight line between them: they stay while
@@ -51,10 +52,16 @@ class Followed:
 
     def spread(self, count: int) -> Followed:
         """At most ``count`` of the frames, evenly spread, with the first."""
-        chosen = np.unique(np.linspace(0, len(self.rooted) - 1, count).round().astype(int))
-        observed = [self.observation[frame] for frame in chosen]
-        neighbours = self.neighbours[chosen] if self.neighbours else None
-        return Followed(observed, self.rooted[chosen], self.cost[chosen], neighbours)
+        return self[np.unique(np.linspace(0, len(self.rooted) - 1, count).round().astype(int))]
+
+
+class InClip(NamedTuple):
+    """A subject that was followed through a clip."""
+
+    subject: Subject  # with the body that some of the frames show, in the first frame's pose
+    cost: float  # of contours in a frame; more, the sooner a frame was lost
+    places: np.ndarray  # (frame, joint, 3), where the joints were meanwhile [m]
+    followed: Followed  # the frames
 
 
 def frames_to_follow(fps: float, available: int) -> range:
@@ -71,23 +78,18 @@ def solve_body_in_clip(
     fps: float,
     frames: int,
     config: TrackConfig,
-) -> tuple[Subject, float, np.ndarray, Followed]:
+) -> InClip:
     """Follow a subject through a clip and solve its body from some of the frames.
 
     The subject has the pose of the first frame, and its body is expected to be the generic one. The clip's frames, such
     as those of :func:`frames_to_follow`, are ``fps`` a second; the body is solved from so many ``frames``, at most.
-
-    Returns:
-        The solved body in the first frame's pose; what contours cost in a frame, more, the sooner a frame was lost;
-        where the joints were while the subject was followed, (frame, joint, 3) [m]; and the frames that solved it.
     """
     clip, skeleton = list(clip), subject.body.skeleton
     followed = follow(subject, rig, clip, fps, config)
     device, threads = resolve_device(config.device), config.threads or available_threads()
-    chosen = followed.spread(frames)
-    solved, cost = solve_body(subject, generic, rig, [chosen], device, threads)
+    solved, cost = solve_body(subject, generic, rig, followed.spread(frames), device, threads)
     places = MotionPoints(skeleton, subject.body.joint_rest, skeleton.searched()).at(followed.rooted)
-    return solved, cost * len(clip) / len(followed.rooted), places[:, ::POINTS_A_JOINT], chosen
+    return InClip(solved, cost * len(clip) / len(followed.rooted), places[:, ::POINTS_A_JOINT], followed)
 
 
 def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float, config: TrackConfig) -> Followed:
@@ -98,7 +100,7 @@ def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float
     skeleton = subject.body.skeleton
     rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
     if len(clip) == 1:
-        return Followed(clip, rooting.enter(subject.pose[None].astype(float)), np.zeros(1))
+        return Followed(np.array(clip), rooting.enter(subject.pose[None].astype(float)), np.zeros(1))
     # Forwards, until the subject is lost.
     observed: list[Observation] = []
     answers: list[FrameAnswer] = []
@@ -121,16 +123,15 @@ def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float
     course = rooted[0].followed_by(*rooted[1:])
     neighbours = Neighbours.of(course, np.arange(len(course)), fps, curved=False)
     costs = np.array([float(answer.cost[0]) for answer in answers])
-    return Followed(observed[: last + 1], course, costs, neighbours)
+    return Followed(np.array(observed[: last + 1]), course, costs, neighbours)
 
 
 def solve_body(
-    subject: Subject, generic: BodyModel, rig: CameraRig, parts: Sequence[Followed], device: str, threads: int
+    subject: Subject, generic: BodyModel, rig: CameraRig, followed: Followed, device: str, threads: int
 ) -> tuple[Subject, float]:
     """The subject's body and the poses of frames as one problem; of a body on a base, where that stands too.
 
     The body starts as the subject's and is expected to be the generic one. The first of the frames is the subject's.
-    Of several ``parts`` of a recording all have neighbours.
 
     Returns:
         The solved body in the first frame's pose, and what contours cost in a frame.
@@ -139,20 +140,16 @@ def solve_body(
     skeleton, still = (own.with_free_root(), ROOT_ANGLES.stop) if own.root_is_fixed else (own, 0)
     generic = replace(generic, skeleton=skeleton)
     space = RestSpace(generic)
-    rooted, *more = (part.rooted for part in parts)
-    rooted = rooted.followed_by(*more)
-    neighbours, *others = (part.neighbours for part in parts)
-    neighbours = neighbours and neighbours.followed_by(*filter(None, others))
-    count, parameters = len(rooted), len(space.names)
+    count, parameters = len(followed.rooted), len(space.names)
     fitter = ContourFitter(
         generic, rig, skeleton.searched(), skeleton.coordinate_limits,
         candidates=count, frames=count, parameters=parameters, device=device, threads=threads,
     )  # fmt: skip
-    for place, observation in enumerate(observation for part in parts for observation in part.observation):
+    for place, observation in enumerate(followed.observation):
         fitter.observe(place, observation)
 
-    problem = body_problem(fitter, space, subject.root_base, PRIOR, neighbours, still)
-    solution = problem.solved(np.arange(count), rooted, space.nearest(subject.body), _BODY_STEPS)
+    problem = body_problem(fitter, space, subject.root_base, PRIOR, followed.neighbours, still)
+    solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
     pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
     shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}

@@ -33,7 +33,7 @@ from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.clip_body import (
-    Followed,
+    InClip,
     follow,
     frames_to_follow,
     solve_body,
@@ -158,47 +158,45 @@ def fit_clip(
     clip = [first] if task.body_is_given and not close else [first, *observations]
     # Motion decides between ways to see the first frame that are nearly as good.
     ways = _with_clip_bodies(task, clip, fps, [task.subject(guess, verdict) for guess in (best, *close)])
-    (subject, cost, places, followed), *others_in_clip = sorted(ways, key=lambda way: way[1])
-    others_in_clip = [way for way in others_in_clip if _stay_apart(places, way[2], body.relative_size)]
+    way, *others_in_clip = sorted(ways, key=_cost)
+    others_in_clip = [other for other in others_in_clip if _stay_apart(way.places, other.places, body.relative_size)]
     decided = "yes"
     if others_in_clip:
-        margin = others_in_clip[0][1] / cost - 1
+        margin = others_in_clip[0].cost / way.cost - 1
         verdict["fit.clip_margin"] = margin
         decided = "no" if margin < _LEAST_CLIP_MARGIN else "yes"
-    if not task.body.rigid:
-        subject = _with_later_frames(task, subject, fps, followed, later)
+    subject = way.subject if task.body.rigid else _with_later_frames(task, way, fps, later)
     task.progress("body", 1.0, best.cost)
     return replace(subject, provenance=subject.provenance | verdict | {"fit.decided": decided})
 
 
-def _with_clip_bodies(
-    task: _Task, clip: list[Observation], fps: float, subjects: list[Subject]
-) -> list[tuple[Subject, float, np.ndarray, Followed]]:
+def _with_clip_bodies(task: _Task, clip: list[Observation], fps: float, subjects: list[Subject]) -> list[InClip]:
     """Each subject with the body of the frames that it can be followed through: :func:`solve_body_in_clip`'s."""
     count, threads = task.at_a_time(len(subjects))
     settings = TrackConfig(seed=task.config.seed, device=task.device, threads=threads)
 
-    def solved(subject: Subject) -> tuple[Subject, float, np.ndarray, Followed]:
+    def solved(subject: Subject) -> InClip:
         return solve_body_in_clip(subject, task.expected, task.rig, clip, fps, task.config.frames, settings)
 
     with ThreadPoolExecutor(count) as pool:
         return list(pool.map(solved, subjects))
 
 
-def _with_later_frames(
-    task: _Task, subject: Subject, fps: float, followed: Followed, later: Iterable[Iterable[Observation]]
-) -> Subject:
+def _with_later_frames(task: _Task, way: InClip, fps: float, later: Iterable[Iterable[Observation]]) -> Subject:
     """A subject whose body later parts of a long recording show too: a body in other poses is seen better."""
-    known = _Task(subject.body, task.rig, replace(task.config, **KNOWN), lambda stage, done, cost: None)
+    known = _Task(way.subject.body, task.rig, replace(task.config, **KNOWN), lambda stage, done, cost: None)
     settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
-    parts = [followed]
+    parts = []
     for clip in map(list, later):
         with suppress(NoSubjectError):
             there = known.subject(_first_frame(known, clip[0])[0], {})
             part = follow(there, task.rig, clip, fps, settings)
-            if part.neighbours and part.cost.mean() < _FAILED * followed.cost.mean():
+            if part.neighbours and part.cost.mean() < _FAILED * way.followed.cost.mean():
                 parts.append(part.spread(task.config.frames))
-    return solve_body(subject, task.expected, task.rig, parts, task.device, task.threads)[0] if parts[1:] else subject
+    if not parts:
+        return way.subject
+    together = way.followed.spread(task.config.frames).followed_by(*parts)
+    return solve_body(way.subject, task.expected, task.rig, together, task.device, task.threads)[0]
 
 
 @dataclass(frozen=True)

@@ -139,7 +139,7 @@ def solved_subject(
     followed = [masks[number] for number in numbers]
     following = TrackConfig(seed=seed, device=device, threads=threads)
     generic, fps = load_body(DEFAULT_BODY), clip.fps / numbers.step
-    return solve_body_in_clip(clip.subject, generic, clip.rig, followed, fps, FitConfig().frames, following)[0]
+    return solve_body_in_clip(clip.subject, generic, clip.rig, followed, fps, FitConfig().frames, following).subject
 
 
 def code_of(config: TrackConfig, clip: Clip, solved: bool) -> str:

@@ -166,9 +166,7 @@ def overlays_section(study: StudySummary, clips: Mapping[str, Clip]) -> Section 
     for best, worst in extremes:
         both, who = [picture(best, "best"), picture(worst, "worst")], algorithm_label(best.algorithm)
         pairs.append(fill("pair", pictures=both, sequence=best.sequence, algorithm=who))
-    strips = [
-        fill("strip", algorithm=algorithm_label(row[0].algorithm), pictures=list(map(picture, row))) for row in rows
-    ]
+    strips = [fill("strip", algorithm=algorithm_label(row[0].algorithm), pictures=[*map(picture, row)]) for row in rows]
     parts = [fill("overlays", dof=dof, budget=f"{budget:,}", pairs=pairs)]
     parts += [fill("strips", sequence=rows[0][0].sequence, strips=strips)] if strips else []
     return Section("frames", "Best and worst frames", parts)

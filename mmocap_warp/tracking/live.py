@@ -121,10 +121,8 @@ class _Window:
         self._last_angles = np.tile(subject.pose[ROOT_ANGLES], (config.runs, 1))
         device = resolve_device(config.device)
         band = None if device == "cpu" else DeviceBand(points, LAG, device)
-        problems = (
-            ClipProblem(partial(self._linearise, n), rooting, points, fps, band=band) for n in range(config.runs)
-        )
-        self._lags = [FixedLag(problem, config.acceleration, first) for problem in problems]
+        clips = (ClipProblem(partial(self._linearise, n), rooting, points, fps, band=band) for n in range(config.runs))
+        self._lags = [FixedLag(clip, config.acceleration, first) for clip in clips]
 
     def observe(self, observation: Observation) -> None:
         """Take the next frame's masks."""

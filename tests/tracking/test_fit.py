@@ -18,6 +18,7 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
+from mmocap_warp.fitting.clip_body import InClip
 from mmocap_warp.fitting.frame_fit import Guess
 from mmocap_warp.fitting.standing_search import (
     FirstFrame,
@@ -296,7 +297,7 @@ def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, apart
     places[-1][:apart] = 0.2
     monkeypatch.setattr(
         "mmocap_warp.fitting.subject_fit._with_clip_bodies",
-        lambda task, clip, fps, subjects: [(each, next(asked), places.pop(0), None) for each in subjects],
+        lambda task, clip, fps, subjects: [InClip(each, next(asked), places.pop(0), None) for each in subjects],
     )
     monkeypatch.setattr(
         "mmocap_warp.fitting.subject_fit._first_frame", lambda task, observation: (guesses[0], {"turned": guesses[1]})

@@ -216,7 +216,7 @@ def test_the_body_of_many_frames_is_the_one_that_was_seen(man, clip):
     start = Subject(man, BASE, poses[0], {"fit.seed": 0, "scale": 1.0})
     followed = follow(start, RIG, observations, 30.0, TrackConfig(device="cpu", threads=1))
     assert len(followed.rooted) == len(poses)
-    solved, _ = solve_body(start, man, RIG, [followed.spread(8)], "cpu", 1)
+    solved, _ = solve_body(start, man, RIG, followed.spread(8), "cpu", 1)
     again = follow(solved, RIG, observations, 30.0, TrackConfig(device="cpu", threads=1))
     assert again.cost.mean() < followed.cost.mean()
     found, truth = joints(solved.body, solved.pose), joints(body, poses[0])

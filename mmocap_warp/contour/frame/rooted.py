@@ -22,7 +22,9 @@ class FrameArrays:
     """A frozen dataclass of arrays, or such dataclasses again, with one frame a row, and of what all frames share."""
 
     def __getitem__(self, frames: slice | np.ndarray) -> Self:
-        return type(self)(*(value if np.isscalar(value) else value[frames] for value in vars(self).values()))
+        return type(self)(
+            *(each[frames] if isinstance(each, np.ndarray | FrameArrays) else each for each in vars(self).values())
+        )
 
     def where(self, taken: np.ndarray, other: Self) -> Self:
         """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
@@ -38,7 +40,7 @@ class FrameArrays:
 def _joined(first: Any, *rest: Any) -> Any:
     if isinstance(first, FrameArrays):
         return first.followed_by(*rest)
-    return first if np.isscalar(first) else np.concatenate([first, *rest])
+    return np.concatenate([first, *rest]) if isinstance(first, np.ndarray) else first
 
 
 @dataclass(frozen=True, eq=False)

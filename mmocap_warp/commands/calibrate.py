@@ -241,10 +241,8 @@ def refine_cameras(
     file = None if output is None else new_file(output, ".toml", force=force)
     loaded = scene_from(scene, frames, identity, reporter)
     with arguments_checked():
-        doubts = {each.name: settings.pop(each.name) for each in fields(Deviations) if each.name in settings}
-        config = AdjustConfig(
-            deviations=Deviations(**doubts), fixed=fixed, height=height, distance=distance, **settings
-        )
+        doubt = {each.name: settings.pop(each.name) for each in fields(Deviations) if each.name in settings}
+        config = AdjustConfig(deviations=Deviations(**doubt), fixed=fixed, height=height, distance=distance, **settings)
         config.check_names(loaded.calibrated.names)
     generic = body_from(body, loaded)
     sized = None if height is not None or distance is not None else generic

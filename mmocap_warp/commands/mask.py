@@ -105,7 +105,7 @@ def mask(
     # The volume of the scene's subject, or else of the body that a fit would start from.
     named = loaded.subject and read_subject(loaded.subject).body
     body = named or load_body(loaded.body or DEFAULT_BODY, loaded.path)
-    judge = MaskJudge(loaded.rig(scale), loaded.frame_count, body.volume)
+    judge = MaskJudge(loaded.rig(scale), loaded.frame_count, body.volume, supposed=not (named or loaded.body))
     total, consistency = loaded.frame_count, list[Consistency]()
     if by_program if consistent is None else consistent:
         consistency = [Consistency(loaded.rig(scale)) for _ in loaded.people or [loaded]]

@@ -6,6 +6,7 @@ holds the body's volume. A mask that lacks a part takes it from the hull, so tha
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, project
@@ -21,6 +22,7 @@ _MIN_VOLUME_TWO_VIEWS = 0.8  # the same of two views, whose hulls are larger: a 
 _MIN_COVERED = 0.5  # share of the others' hull. A view that covers less lacks most of the subject: a leg is 0.15 to 0.3
 _MIN_EXPLAINED = 0.6  # share of a mask. One that is explained less shows something else: good masks are at 0.93 to 1
 _MAX_EMPTY_SHARE = 0.25  # of the frames
+_SMALL, _PERSON = 0.5, 1.8  # extents [m]: a subject that has less is looked at in a unit in which it has a person's
 LITRE = 1e-3  # [m^3]
 
 
@@ -47,11 +49,12 @@ class MaskReport:
 class MaskJudge:
     """Looks at each of so many ``frames`` as it passes.
 
-    The cameras are undistorted pinholes, as the masks; a body like the subject's has ``body_volume`` [m^3].
+    The cameras are undistorted pinholes, as the masks; a body like the subject's has ``body_volume`` [m^3]. If that is
+    ``supposed``, because nobody has named the body, less than a litre may be an animal, and is not judged by it.
     """
 
-    def __init__(self, rig: CameraRig, frames: int, body_volume: float) -> None:
-        self._rig, self._body_volume = rig, body_volume
+    def __init__(self, rig: CameraRig, frames: int, body_volume: float, *, supposed: bool = False) -> None:
+        self._rig, self._body_volume, self._supposed = rig, body_volume, supposed
         self._compared = set(evenly_spread(frames, _COMPARED_FRAMES))
         self._area: list[list[int]] = []
         self._agreements: list[_Agreement] = []
@@ -89,10 +92,10 @@ class MaskJudge:
         ]
         if lacking:
             return lacking
-        if not volume > part:
-            litres = 0.0 if np.isnan(volume) else volume / LITRE
-            volumes = f"{litres:.0f} litres, a body like the subject's {self._body_volume / LITRE:.0f}"
+        if not volume > part and not (self._supposed and volume < LITRE):
+            volumes = f"{_litres(np.nan_to_num(volume))} litres, a body like the subject's {_litres(self._body_volume)}"
             why = "only a part of it was segmented, such as a moving leg"
+            why += ", or the scene's body is to be named, where it is no person's" * self._supposed
             return [f"what all views agree on holds {volumes}: {why}"]
         return [
             f"{100 * (1 - view.explained):.0f} % of what {name} shows is seen by no other view: something else is"
@@ -100,6 +103,11 @@ class MaskJudge:
             for name, view in views.items()
             if view.explained < _MIN_EXPLAINED
         ]
+
+
+def _litres(volume: float) -> str:
+    """For people, without the unit."""
+    return f"{volume / LITRE:.0f}" if volume >= LITRE else f"{volume / LITRE:.2g}"
 
 
 _Agreement = tuple[np.ndarray, np.ndarray, float]
@@ -111,6 +119,9 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     if len(seen) < 2:
         return explained, covered, np.nan
+    extent = _extent(rig, masks, seen)
+    unit = extent / _PERSON if extent < _SMALL else 1.0
+    rig = rig.in_unit(unit)
     subject = meeting_point(rig, masks)
     hit, possible = _votes(rig, masks, subject)
     for k in seen if len(seen) > 2 else ():
@@ -119,7 +130,14 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
         if hull.any():
             covered[k] = possible[k, hull].mean()  # what lies outside of its image, a view cannot lack
         explained[k] = _explained_of(rig, masks, k, others, subject)
-    return explained, covered, float(_hull_of(hit, possible, seen).sum() * _SPACING**3)
+    return explained, covered, float(_hull_of(hit, possible, seen).sum() * (unit * _SPACING) ** 3)
+
+
+def _extent(rig: CameraRig, masks: list[np.ndarray], seen: list[int]) -> float:
+    """How large the subject is, as most views see it: its box's diagonal where the views meet [m]."""
+    depth = rig.R[:, 2] @ meeting_point(rig, masks) + rig.t[:, 2]
+    diagonal = [np.linalg.norm(cv2.boundingRect(masks[k].view(np.uint8))[2:]) for k in seen]
+    return float(np.median(diagonal * depth[seen] / rig.K[seen, 0, 0]))
 
 
 def _votes(rig: CameraRig, masks: list[np.ndarray], subject: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

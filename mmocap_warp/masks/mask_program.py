@@ -144,12 +144,10 @@ def find_program(text: str, note: Callable[[str], None]) -> MaskProgram:
 
 def _mediapipe(note: Callable[[str], None]) -> MaskProgram:
     """MediaPipe Pose in an environment that ``uv`` makes once and keeps in its cache."""
-    by_hand = (
-        f"or by hand: {_BY_HAND}, then --with {shlex.quote(f'mp/bin/python {shlex.quote(str(MEDIAPIPE_SCRIPT))}')}"
-    )
+    manual = f"or by hand: {_BY_HAND}, then --with {shlex.quote(f'mp/bin/python {shlex.quote(str(MEDIAPIPE_SCRIPT))}')}"
     uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
     if uv is None:
-        raise InputError("--with mediapipe", "needs uv, which is not installed", f"pip install uv; {by_hand}")
+        raise InputError("--with mediapipe", "needs uv, which is not installed", f"pip install uv; {manual}")
     # Packages of ours that PYTHONPATH names are none for another version of Python.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     offline = (uv, "run", "--quiet", "--offline", "--script", str(MEDIAPIPE_SCRIPT))
@@ -159,5 +157,5 @@ def _mediapipe(note: Callable[[str], None]) -> MaskProgram:
         done = subprocess.run(online, capture_output=True, env=environment)
         if done.returncode:
             said = done.stderr.decode("utf-8", "replace").strip()[-_LAST_WORDS:]
-            raise InputError("--with mediapipe", f"uv cannot install it: {said}", f"connect to the network, {by_hand}")
+            raise InputError("--with mediapipe", f"uv cannot install it: {said}", f"connect to the network, {manual}")
     return MaskProgram("mediapipe", offline, environment)

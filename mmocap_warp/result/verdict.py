@@ -76,7 +76,8 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         "unlike": float(fitted.get("fit.departure", 0.0)) > _MAX_DEPARTURE,
     }
     holds = 2 * values["trusted"] >= values["frames"]
-    return values | {"holds": holds, "lines": _lines(values), "next": _next_step(bool(cameras), holds, scene)}
+    lines = _lines(values, int(np.diff(numbers).min(initial=1 << 30)))
+    return values | {"holds": holds, "lines": lines, "next": _next_step(bool(cameras), holds, scene)}
 
 
 def _next_step(cameras_disagree: bool, holds: bool, scene: Path | None) -> str | None:
@@ -87,8 +88,8 @@ def _next_step(cameras_disagree: bool, holds: bool, scene: Path | None) -> str |
     return shlex.join(["mmocap", "calib", *(refined if cameras_disagree else ["check", str(scene)])])
 
 
-def _lines(values: dict[str, Any]) -> list[str]:
-    """The verdict in words."""
+def _lines(values: dict[str, Any], stride: int) -> list[str]:
+    """The verdict in words; ``stride`` is between the numbers of frames."""
     lines = [f"{values['trusted']} of {values['frames']} frames trusted"]
     if values["problem"]:
         return [*lines, f"masks and calibration fit no body: {values['problem']}"]
@@ -102,13 +103,17 @@ def _lines(values: dict[str, Any]) -> list[str]:
         lines.append(f"cameras that disagree with the others: {', '.join(off)} at the body")
     if values["repeated"]:
         lines.append(f"{values['repeated']} more frames repeat the one before, and count as not seen")
-    lines += [f"{name} is frozen in {_ranges(frames)}, and left out there" for name, frames in values["frozen"].items()]
-    return lines + [f"in doubt: {part} in {_ranges(frames)}" for part, frames in values["parts"].items()]
+    for name, frames in values["frozen"].items():
+        lines.append(f"{name} is frozen in {_ranges(frames, stride)}, and left out there")
+    parts_of = dict[str, list[str]]()
+    for part, frames in values["parts"].items():
+        parts_of.setdefault(_ranges(frames, stride), []).append(part)
+    return lines + [f"in doubt: {', '.join(parts)} in {ranges}" for ranges, parts in parts_of.items()]
 
 
-def _ranges(frames: Sequence[int]) -> str:
+def _ranges(frames: Sequence[int], stride: int) -> str:
     """Frame numbers for people, as ``frames 3 to 9, 12 (8 in all)``."""
-    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    runs = np.split(frames, np.flatnonzero(np.diff(frames) > stride) + 1)
     words = [f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
     more = [f"{len(words) - _SHOWN_RANGES} more ranges"] if len(words) > _SHOWN_RANGES else []
     return f"frames {', '.join(words[:_SHOWN_RANGES] + more)} ({len(frames)} in all)"

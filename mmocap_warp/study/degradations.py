@@ -276,9 +276,7 @@ def write_sequence(
     )
 
 
-def write_people(
-    folder: Path, sequences: Sequence[StudySequence], apart: float, progress: Progress | None = None
-) -> Path:
+def write_people(folder: Path, clips: Sequence[StudySequence], apart: float, progress: Progress | None = None) -> Path:
     """Write sequences of one length and of different people as one scene, whose masks are label images.
 
     People are named as in the sequences' names, and come as near to each other as ``apart`` [m]. Each has a subject,
@@ -290,19 +288,19 @@ def write_people(
     Raises:
         InputError: a folder that cannot be written to.
     """
-    shifts = places([sequence.recording.poses[:, :2] for sequence in sequences], apart)
+    shifts = places([sequence.recording.poses[:, :2] for sequence in clips], apart)
     tables = ""
     folder.mkdir(parents=True, exist_ok=True)
-    for label, (sequence, shift) in enumerate(zip(sequences, shifts, strict=True), 1):
+    for label, (sequence, shift) in enumerate(zip(clips, shifts, strict=True), 1):
         name, pose = sequence.name.split("/")[0], sequence.subject.pose.copy()
         pose[:2] += shift
         write_subject(folder / f"{name}.subject.usdc", replace(sequence.subject, pose=pose))
         write_truth(folder / f"{name}.truth.usdc", shifted_truth(sequence.truth, shift), sequence.rig.up)
         files = f'subject = "{name}.subject.usdc"\ntruth = "{name}.truth.usdc"'
         tables += f"\n[people.{name}]\nlabel = {label}\n{files}\n"
-    names = " and ".join(sequence.name for sequence in sequences)
-    about = f"{names} of the study's shipped sequences in one room, made up with known truth."
-    together = Together.of([sequence.recording for sequence in sequences], shifts)
+    names = " and ".join(sequence.name for sequence in clips)
+    about = f"{names} of the study's shipped clips in one room, made up with known truth."
+    together = Together.of([sequence.recording for sequence in clips], shifts)
     foreground = _FOREGROUND + tables
     return write_made_scene(folder, together, None, name=names, about=about, foreground=foreground, progress=progress)
 

@@ -124,10 +124,8 @@ class Worker:
         return self._opened[1]
 
 
-def solved_subject(
-    clip: OpenClip, masks: Sequence[Observation], seed: int, device: str, threads: int | None
-) -> Subject:
-    """A clip's subject in its first pose, with the body that frames of the clip's beginning show in its ``masks``.
+def solved_subject(clip: OpenClip, seen: Sequence[Observation], seed: int, device: str, threads: int | None) -> Subject:
+    """A clip's subject in its first pose, with the body that the frames ``seen`` at the clip's beginning show.
 
     ``seed``, ``device`` and ``threads`` are of the tracker that follows the subject through these frames.
     """
@@ -135,8 +133,8 @@ def solved_subject(
     from mmocap_warp.fitting.subject_fit import FitConfig
     from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 
-    numbers = frames_to_follow(clip.fps, len(masks))
-    followed = [masks[number] for number in numbers]
+    numbers = frames_to_follow(clip.fps, len(seen))
+    followed = [seen[number] for number in numbers]
     following = TrackConfig(seed=seed, device=device, threads=threads)
     generic, fps = load_body(DEFAULT_BODY), clip.fps / numbers.step
     return solve_body_in_clip(clip.subject, generic, clip.rig, followed, fps, FitConfig().frames, following).subject

@@ -49,6 +49,37 @@ def test_only_a_moving_leg_was_segmented(cameras: int) -> None:
     assert "only a part of it was segmented, such as a moving leg" in fault
 
 
+@pytest.mark.parametrize("size", [0.02, 0.1])
+def test_a_small_animal_is_looked_at_in_its_own_measure(size: float) -> None:
+    """The same figure before cameras that are as much nearer."""
+    rig, large = rig_of(4), judged(rig_of(4), walking(rig_of(4)))
+    judge = MaskJudge(rig.in_unit(1 / size), FRAMES, size**3 * VOLUME)
+    for masks in walking(rig):
+        judge.add(masks)
+    small = judge.report()
+    assert small.faults == ()
+    assert small.volume / size**3 == pytest.approx(large.volume, rel=0.1)
+    for name, view in small.views.items():
+        assert view.explained == pytest.approx(large.views[name].explained, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("size", "supposed", "fault"),
+    [
+        (0.1, True, None),  # a mouse, and nobody said so
+        (0.1, False, "holds 0.23 litres, a body like the subject's 67: only a part of it was segmented"),
+        (0.28, True, "litres, a body like the subject's 67: only a part of it was segmented, such as a moving leg, or"),
+    ],
+)
+def test_what_is_small_is_no_part_of_a_supposed_person(size: float, supposed: bool, fault: str | None) -> None:
+    judge = MaskJudge(rig_of(4).in_unit(1 / size), FRAMES, 0.067, supposed=supposed)
+    for masks in walking(rig_of(4)):
+        judge.add(masks)
+    faults = judge.report().faults
+    assert len(faults) == (fault is not None)
+    assert fault is None or fault in faults[0]
+
+
 @pytest.mark.parametrize("cameras", [3, pytest.param(4, marks=pytest.mark.nightly), 6])
 def test_a_view_that_shows_a_leg_alone_is_named(cameras: int) -> None:
     rig = rig_of(cameras)

@@ -119,6 +119,14 @@ def test_parts_in_doubt_are_named_with_their_frames():
     assert told["trusted"] == FRAMES - 1  # a partial frame is trusted if all that it lacks is a view
 
 
+def test_frames_are_ranges_with_any_stride_and_parts_of_the_same_ranges_are_one_line():
+    sigma = far(2, 3, 4, 8)
+    sigma[..., SKELETON.index("RElbow"), :] = sigma[..., SKELETON.index("LElbow"), :]
+    result = synthetic_result(FRAMES, runs=1)
+    told = verdict(replace(result, joint_sigma=sigma, frame_numbers=3 * result.frame_numbers))
+    assert "in doubt: left arm, right arm in frames 36 to 42, 54 (4 in all)" in told["lines"]
+
+
 def test_a_frame_with_most_of_the_body_in_doubt_is_not_trusted_whatever_its_status():
     sigma = far()
     sigma[0, :4] = 0.1

@@ -199,7 +199,7 @@ class BackwardPass:
                 areas = (self.uncovered.area(int(frames[g]), way[g : g + 1])[0] for g in beside)
                 if self.uncovered.area(int(frames[f]), now)[0] >= 1.0 and max(areas, default=0.0) >= 1.0:
                     starts = self.uncovered.limbs_reaching(int(frames[f]), now)
-                    better = self._better(int(frames[f]), now, starts, covering=True) or better
+                    better = self._better(int(frames[f]), now, starts, covers=True) or better
             before, last = last, rooting.leave(better or there, last[ROOT_ANGLES])[0]
             if better:
                 before = last  # no motion led there
@@ -246,7 +246,7 @@ class BackwardPass:
         Frames after it may have lost the limb without a sign, and to the end.
         """
         for g in range(f + 1, len(frames)):
-            better = self._better(int(frames[g]), way[g : g + 1], way[g - 1 : g], covering=True) if seen[g] else None
+            better = self._better(int(frames[g]), way[g : g + 1], way[g - 1 : g], covers=True) if seen[g] else None
             if better is None:
                 break
             way = way.with_frames(np.array([g]), better)
@@ -256,12 +256,10 @@ class BackwardPass:
         """Costs (pose,), larger where a pose leaves mask uncovered: a limb that hides costs no contours."""
         return cost * (1.0 + _UNCOVERED_COST * self.uncovered.area(frame, poses)) if self.uncovered else cost
 
-    def _better(
-        self, frame: int, there: RootedPoses, starts: RootedPoses, covering: bool = False
-    ) -> RootedPoses | None:
+    def _better(self, frame: int, there: RootedPoses, starts: RootedPoses, covers: bool = False) -> RootedPoses | None:
         """The best pose (1,) that contours lead to from some, if it is a different answer and clearly costs less.
 
-        What a ``covering`` search leaves uncovered decides which is the best; of others it may speak against the best.
+        If it ``covers``, what a pose leaves uncovered decides which is the best; else that may speak against the best.
         """
         starts = there.followed_by(starts)
         at = np.full(len(starts), frame)
@@ -270,11 +268,11 @@ class BackwardPass:
         areas = self.areas(at, fitted)
         # Scaled so that contours and areas of the pose that is there weigh the same.
         cost = contours * areas[0] + areas * contours[0]
-        if covering:
+        if covers:
             cost = self._with_uncovered(frame, fitted, cost)
         least, limit = np.where(self._differ(fitted, there), cost, np.inf), _LARGEST_COST_RATIO * cost[0]
         best = int(np.argmin(least))
-        if least[best] < limit and not covering:
+        if least[best] < limit and not covers:
             both = fitted[np.array([best, 0])]
             least[best], limit = self._with_uncovered(frame, both, np.array([least[best], limit]))
         return fitted[best : best + 1] if least[best] < limit else None

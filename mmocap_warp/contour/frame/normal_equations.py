@@ -67,9 +67,7 @@ class ViewEquations(FrameArrays):
     def where(self, taken: np.ndarray, other: ViewEquations) -> ViewEquations:
         """These in the views that are ``taken`` (camera,) bool, and others elsewhere."""
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return ViewEquations(
-            *(np.where(taken.reshape(-1, *[1] * (mine.ndim - 2)), mine, theirs) for mine, theirs in pairs)
-        )
+        return ViewEquations(*(np.where(taken.reshape(-1, *[1] * (own.ndim - 2)), own, its) for own, its in pairs))
 
 
 LineariseFrames = Callable[[np.ndarray, RootedPoses], NormalEquations]

@@ -72,7 +72,7 @@ _NEAR, _FAR = 0.2, 0.4  # spreads of joints that begin near rest, and of a perso
 _FAR_SHARE = 3  # times as many evaluations as usual find joints that begin far
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
 _LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
-_MOST_PARTS, _PART_SECONDS = 3, 4.0  # a long recording shows the body in so many parts, each from so much of it [s]
+_MOST_PARTS, _PART_SECONDS, _SPAN_SECONDS = 3, 4.0, 24.0  # in a long recording's first seconds so many parts begin
 _FAILED = 1.5  # a part that costs so many times as much as the first was not followed
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
 
@@ -105,10 +105,11 @@ def fit(
     """
     body = carrying(body, scene.attached).body
     scale = config.scale or min(1.0, LONGEST_IMAGE / float(scene.rig().size.max()))
-    available = scene.frame_count if config.frames > 1 else 1
-    numbers = frames_to_follow(scene.rate, available)
-    count = max(1, min(_MOST_PARTS, int(available / scene.rate / _PART_SECONDS)))
-    parts = (scene.of_frames(scene.frames[available * part // count :]) for part in range(count))
+    numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
+    span = min(scene.frame_count, round(_SPAN_SECONDS * scene.rate))  # videos are decoded up to the last part
+    several = config.frames > 1 and not scene.foreground.model_remembers
+    count = max(1, min(_MOST_PARTS, int(span / scene.rate / _PART_SECONDS))) if several else 1
+    parts = (scene.of_frames(scene.frames[span * part // count :]) for part in range(count))
     first, *later = (islice(part.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step) for part in parts)
     try:
         subject = fit_clip(
@@ -119,9 +120,8 @@ def fit(
         if scene.of_several:
             remedy = "fit each person in frames (--frames) in which labels tell them apart, or from masks of one alone"
         raise InputError(scene.path, f"frame {scene.first_frame}: {error}", remedy) from None
-    if scene.first_frame:
-        subject = replace(subject, provenance=subject.provenance | {"fit.first_frame": scene.first_frame})
-    return subject
+    begun = {"fit.first_frame": scene.first_frame} if scene.first_frame else {}
+    return replace(subject, provenance=subject.provenance | begun)
 
 
 def fit_clip(

@@ -136,10 +136,17 @@ def test_later_frames_show_the_body_too(clip, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("fps", "frames", "starts"),
-    [(8.0, 16, [0, 32]), (8.1, 16, [0]), (4.0, 16, [0, 21, 42]), (2.0, 16, [0, 21, 42]), (2.0, 1, [0])],
+    ("fps", "frames", "model", "starts"),
+    [
+        (8.0, 16, "gaussian", [0, 32]),
+        (8.1, 16, "gaussian", [0]),
+        (4.0, 16, "gaussian", [0, 21, 42]),
+        (2.0, 16, "gaussian", [0, 16, 32]),  # thirds of the first 24 seconds
+        (2.0, 1, "gaussian", [0]),
+        (4.0, 16, "knn", [0]),  # whose masks have to be made of all frames before
+    ],
 )
-def test_a_long_recording_is_seen_in_two_or_three_parts(walk, man, fps, frames, starts, monkeypatch):
+def test_a_long_recording_is_seen_in_two_or_three_parts(walk, man, fps, frames, model, starts, monkeypatch):
     def numbers(subject, rig, rate, first, config, progress, start_poses, later):
         seen.extend(list(part) for part in (first, *later))
         return synthetic_subject()
@@ -147,7 +154,8 @@ def test_a_long_recording_is_seen_in_two_or_three_parts(walk, man, fps, frames, 
     seen = []
     monkeypatch.setattr("mmocap_warp.fitting.subject_fit.fit_clip", numbers)
     monkeypatch.setattr(type(walk), "observations", lambda scene, scale, count: iter(scene.frames[:count]))
-    fit(replace(walk, fps=fps), man, replace(QUICK, frames=frames))
+    scene = replace(walk, fps=fps, foreground=replace(walk.foreground, source="clean_plate", model=model))
+    fit(scene, man, replace(QUICK, frames=frames))
     count = round(2 * fps) if frames > 1 else 1
     assert seen == [list(range(start, start + count)) for start in starts]
 

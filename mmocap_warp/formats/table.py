@@ -152,7 +152,7 @@ DATASETS: dict[str, Dataset] = {
     "biocv": Dataset("BioCV", ("TRIAL",), "datasets.biocv:read_biocv", _TWINS),
     "mpi-inf-3dhp": Dataset("MPI-INF-3DHP", ("SUBJECT", "SEQUENCE"), "datasets.mpi_inf_3dhp:read_3dhp", _TWINS),
     "dannce": Dataset(
-        "DANNCE, Rat7M", ("[FIRST]",), "datasets.dannce:read_dannce", f"{_TWINS}, and DANNCE's own label file"
+        "DANNCE, Rat7M", ("[FIRST]",), "datasets.dannce:read_dannce", f"{_TWINS}; DANNCE's label file and mouse"
     ),
 }
 """By their names on the command line."""

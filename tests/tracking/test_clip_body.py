@@ -49,7 +49,7 @@ def test_a_frame_that_is_clearly_better_from_behind_is_taken_from_there(subject,
     found, place = followed(subject, monkeypatch, there=[2.0, 1.0, 1.0, 1.0], back=[1.0, 0.99, 1.2, 0.0])
     np.testing.assert_allclose(place, [BACK, THERE, THERE, THERE], atol=1e-6)
     assert found.cost.tolist() == [1.0, 1.0, 1.0, 1.0]
-    assert found.observation == [0, 1, 2, 3]
+    assert found.observation.tolist() == [0, 1, 2, 3]
 
 
 def test_the_way_back_begins_before_the_first_lost_frame(subject, monkeypatch):

@@ -187,10 +187,10 @@ def _with_later_frames(task: _Task, way: InClip, fps: float, later: Iterable[Ite
     known = _Task(way.subject.body, task.rig, replace(task.config, **KNOWN), lambda stage, done, cost: None)
     settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
     parts = []
-    for clip in map(list, later):
-        with suppress(NoSubjectError):
-            there = known.subject(_first_frame(known, clip[0])[0], {})
-            part = follow(there, task.rig, clip, fps, settings)
+    for frames in later:
+        with suppress(NoSubjectError, InputError):  # what cannot be read is named where it is tracked
+            clip = list(frames)
+            part = follow(known.subject(_first_frame(known, clip[0])[0], {}), task.rig, clip, fps, settings)
             if part.neighbours and part.cost.mean() < _FAILED * way.followed.cost.mean():
                 parts.append(part.spread(task.config.frames))
     if not parts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -116,8 +117,13 @@ def test_a_fit_repeats_bit_by_bit_at_any_number_of_threads(clip, generic):
     np.testing.assert_array_equal(first.root_base, second.root_base)
 
 
+def damaged(frame: Observation) -> Iterator[Observation]:
+    yield frame
+    raise InputError("0400.png", "cannot be decoded as an image", "convert it to PNG")
+
+
 def test_later_frames_show_the_body_too(clip, monkeypatch):
-    """Where nobody is seen, or the body costs far more than before, a part shows nothing."""
+    """Where nobody is seen, images cannot be read, or the body costs far more than before, a part shows nothing."""
     monkeypatch.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 1)
     rig, frames = clip
     short = replace(QUICK, headings=2, evaluations=48, finalists=1, frames=2)
@@ -126,9 +132,9 @@ def test_later_frames_show_the_body_too(clip, monkeypatch):
     halves = [Observation.from_masks([mask & (np.arange(160) < 80) for mask in each]) for each in masks]
     alone, *others = (
         fit_clip(synthetic_body(), rig, 30.0, frames, short, later=later)
-        for later in ([], [nobody], [halves], [frames[::-1], nobody])
+        for later in ([], [nobody], [halves], [frames[::-1], nobody], [damaged(frames[0]), frames])
     )
-    assert [each.provenance["fit.frames"] for each in (alone, *others)] == [2, 2, 2, 4]
+    assert [each.provenance["fit.frames"] for each in (alone, *others)] == [2, 2, 2, 4, 4]
     np.testing.assert_array_equal(others[1].body.skin.rest, alone.body.skin.rest)
     assert not np.array_equal(others[2].body.skin.rest, alone.body.skin.rest)
     given = fit_clip(alone.body, rig, 30.0, frames, replace(short, rigid=True), later=[frames])

@@ -72,7 +72,7 @@ _NEAR, _FAR = 0.2, 0.4  # spreads of joints that begin near rest, and of a perso
 _FAR_SHARE = 3  # times as many evaluations as usual find joints that begin far
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
 _LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
-_MOST_PARTS, _PART_SECONDS, _SPAN_SECONDS = 3, 4.0, 24.0  # in a long recording's first seconds so many parts begin
+_MOST_PARTS, _PART_SECONDS, _SPAN_SECONDS = 3, 4.0, 24.0  # parts at most, each of so much, of so much recording [s]
 _FAILED = 1.5  # a part that costs so many times as much as the first was not followed
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
 
@@ -162,8 +162,7 @@ def fit_clip(
     others_in_clip = [other for other in others_in_clip if _stay_apart(way.places, other.places, body.relative_size)]
     decided = "yes"
     if others_in_clip:
-        margin = others_in_clip[0].cost / way.cost - 1
-        verdict["fit.clip_margin"] = margin
+        verdict["fit.clip_margin"] = margin = others_in_clip[0].cost / way.cost - 1
         decided = "no" if margin < _LEAST_CLIP_MARGIN else "yes"
     subject = way.subject if task.body.rigid else _with_later_frames(task, way, fps, later)
     task.progress("body", 1.0, best.cost)

@@ -105,8 +105,8 @@ class _Views:
         count, label = cv2.connectedComponents(self._excess[k].view(np.uint8), connectivity=8)
         if count > 1 and len(self._bad) == 1:
             excess = [self._grown(j, each) for j, each in enumerate(self._excess)]
-            met = self._hull(k, self._excess[k], excess, least=1, allow=len(others))
-            supported = self._hull(k, self._excess[k], self._masks, allow=1)
+            met = self._hull(k, self._excess[k], excess, least=1, tolerate=len(others))
+            supported = self._hull(k, self._excess[k], self._masks, tolerate=1)
             for piece in range(1, count):
                 alone = label == piece
                 if not met[alone].any() and supported[alone].mean() < 1 - _MIN_UNSUPPORTED:
@@ -125,16 +125,17 @@ class _Views:
                 filled |= inside
         return filled
 
-    def _hull(self, k: int, at: np.ndarray, masks: list[np.ndarray], least: int = 2, allow: int = 0) -> np.ndarray:
-        """(height, width) bool: the pixels of ``at`` behind which the other views' masks meet."""
-        behind = np.zeros_like(at)
-        behind[at] = self._thickness(k, at, masks, least, allow) > 0
+    def _hull(self, k: int, where: np.ndarray, masks: list[np.ndarray], **votes: int) -> np.ndarray:
+        """(height, width) bool: the pixels of ``where`` behind which the other views' masks meet."""
+        behind = np.zeros_like(where)
+        behind[where] = self._thickness(k, where, masks, **votes) > 0
         return behind
 
-    def _thickness(self, k: int, at: np.ndarray, masks: list[np.ndarray], least: int = 2, allow: int = 0) -> np.ndarray:
-        row, column = np.nonzero(at)
+    def _thickness(self, k: int, where: np.ndarray, masks: list[np.ndarray], **votes: int) -> np.ndarray:
+        """As :func:`hull_thickness`, with its ``least`` and ``tolerate`` as ``votes``."""
+        row, column = np.nonzero(where)
         others, pixels = [j for j in self._seen if j != k], np.stack([column, row], axis=1)
-        return hull_thickness(self._rig, masks, k, others, pixels, float(self._depth[k]), least, allow)
+        return hull_thickness(self._rig, masks, k, others, pixels, float(self._depth[k]), **votes)
 
     def _grown(self, k: int, mask: np.ndarray) -> np.ndarray:
         return cv2.dilate(mask.view(np.uint8), self._disc(k, 2 * _MARGIN)).view(bool)

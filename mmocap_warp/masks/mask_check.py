@@ -120,7 +120,7 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
     if len(seen) < 2:
         return explained, covered, np.nan
     extent = _extent(rig, masks, seen)
-    unit = extent / _PERSON if extent < _SMALL else 1.0
+    unit = extent / _PERSON if 0 < extent < _SMALL else 1.0  # not of views that meet behind the cameras
     rig = rig.in_unit(unit)
     subject = meeting_point(rig, masks)
     hit, possible = _votes(rig, masks, subject)

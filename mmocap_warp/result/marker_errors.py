@@ -43,14 +43,16 @@ def triangulated(faces: np.ndarray) -> np.ndarray:
     return faces if faces.shape[1] == 3 else np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
 
 
-def attach(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, usable: np.ndarray | None = None) -> SkinPoints:
+def attach(
+    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, allowed: np.ndarray | None = None
+) -> SkinPoints:
     """Attach points to the nearest place on a posed mesh; what lies between a point and the skin is dropped.
 
     Args:
         points: (point, 3) [m].
         vertices: (vertex, 3), the mesh in the pose in which the points were seen [m].
         faces: (face, 3) or (face, 4) vertex indices.
-        usable: (point, vertex) bool, where on the skin each may be: on triangles with such a corner; None for
+        allowed: (point, vertex) bool, where on the skin each may be: on triangles with such a corner; None for
             anywhere.
 
     Raises:
@@ -65,10 +67,10 @@ def attach(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, usable: 
     candidates = []
     for i, point in enumerate(points):
         among = everywhere
-        if usable is not None:
-            among = np.flatnonzero(usable[i][a] | usable[i][b] | usable[i][c])
+        if allowed is not None:
+            among = np.flatnonzero(allowed[i][a] | allowed[i][b] | allowed[i][c])
         if not len(among):
-            raise ValueError(f"usable leaves no triangle for point {i}")
+            raise ValueError(f"allowed leaves no triangle for point {i}")
         away = np.linalg.norm(centre[among] - point, axis=1)
         candidates.append(among[away - radius[among] <= away.min()])
     # The nearest of the places on these, for all points at once.

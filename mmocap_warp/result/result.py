@@ -128,8 +128,12 @@ class Result:
     @property
     def rate(self) -> float:
         """The result's frames in a second: fewer than ``fps`` where frames were passed over."""
-        step = np.diff(self.frame_numbers)
-        return self.fps / int(step.min()) if len(step) else self.fps
+        return self.fps / self.stride
+
+    @property
+    def stride(self) -> int:
+        """Between the numbers of its frames."""
+        return int(np.diff(self.frame_numbers).min()) if len(self.frame_numbers) > 1 else 1
 
     def in_unit(self, unit: float) -> Result:
         """The result with all of its lengths in a unit [m]."""

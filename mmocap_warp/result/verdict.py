@@ -76,8 +76,8 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         "unlike": float(fitted.get("fit.departure", 0.0)) > _MAX_DEPARTURE,
     }
     holds = 2 * values["trusted"] >= values["frames"]
-    lines = _lines(values, int(np.diff(numbers).min(initial=1 << 30)))
-    return values | {"holds": holds, "lines": lines, "next": _next_step(bool(cameras), holds, scene)}
+    said = {"holds": holds, "lines": _lines(values, result.stride)}
+    return values | said | {"next": _next_step(bool(cameras), holds, scene)}
 
 
 def _next_step(cameras_disagree: bool, holds: bool, scene: Path | None) -> str | None:

@@ -125,7 +125,7 @@ class Worker:
 
 
 def solved_subject(clip: OpenClip, seen: Sequence[Observation], seed: int, device: str, threads: int | None) -> Subject:
-    """A clip's subject in its first pose, with the body that the frames ``seen`` at the clip's beginning show.
+    """A clip's subject in its first pose, with the body that is ``seen`` in frames of the clip's beginning.
 
     ``seed``, ``device`` and ``threads`` are of the tracker that follows the subject through these frames.
     """

@@ -305,5 +305,5 @@ def test_points_attach_to_the_nearest_place_of_those_allowed():
         among = attach(point[None], body.skin.rest, body.skin.face, allowed[i : i + 1])
         np.testing.assert_array_equal(among.corners, alone.corners)
         np.testing.assert_array_equal(among.weights, alone.weights)
-    with pytest.raises(ValueError, match="usable leaves no triangle for point 0"):
+    with pytest.raises(ValueError, match="allowed leaves no triangle for point 0"):
         attach(points[:1], body.skin.rest, body.skin.face, np.zeros((1, len(body.skin.rest)), bool))

@@ -157,7 +157,7 @@ class CameraProblem:
         first, *others = np.unique(lag)
         views = views_at(first)
         for seconds in others:
-            views = views_at(seconds).where(lag == seconds, views)
+            views = views_at(seconds).where((lag == seconds)[None], views)
         # They are in steps of body and lens; these steps by the camera's parameters.
         dof, shared = velocity.shape[1], velocity.shape[1] + len(beta)
         searched = self.rooting.searched

@@ -64,11 +64,6 @@ class ViewEquations(FrameArrays):
         """Those of all views, which have no columns of their own."""
         return NormalEquations(self.matrix.sum(axis=1), self.gradient.sum(axis=1), self.cost.sum(axis=1))
 
-    def where(self, taken: np.ndarray, other: ViewEquations) -> ViewEquations:
-        """These in the views that are ``taken`` (camera,) bool, and others elsewhere."""
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return ViewEquations(*(np.where(taken.reshape(-1, *[1] * (own.ndim - 2)), own, its) for own, its in pairs))
-
 
 LineariseFrames = Callable[[np.ndarray, RootedPoses], NormalEquations]
 """The equations of frames, by their numbers (frame,) and their poses; n is the number of searched coordinates."""

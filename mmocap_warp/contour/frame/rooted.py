@@ -27,9 +27,9 @@ class FrameArrays:
         )
 
     def where(self, taken: np.ndarray, other: Self) -> Self:
-        """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
+        """These where they are ``taken``, (frame,) bool or with the arrays' next axes too, and others elsewhere."""
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return type(self)(*(np.where(taken.reshape(-1, *[1] * (own.ndim - 1)), own, theirs) for own, theirs in pairs))
+        return type(self)(*(np.where(taken[(..., *[None] * (a.ndim - taken.ndim))], a, b) for a, b in pairs))
 
     def followed_by(self, *more: Self) -> Self:
         """These frames, then the others."""

@@ -58,11 +58,9 @@ class GaussianBackground:
         least = math.floor(self._settings.threshold * self._settings.noise / math.sqrt(3) - 1)
         background = cv2.multiply(self._mean, np.append(gain, 0.0), dtype=cv2.CV_16S)
         difference = cv2.subtract(image, background, dtype=cv2.CV_16S)
-        foreground = cv2.inRange(difference, (-least,) * 3, (least,) * 3) == 0
-        foreground[foreground] = self._far(
-            image[foreground], self._mean[foreground] * gain, self._deviation[foreground]
-        )
-        return foreground
+        far = cv2.inRange(difference, (-least,) * 3, (least,) * 3) == 0
+        far[far] = self._far(image[far], self._mean[far] * gain, self._deviation[far])
+        return far
 
     def _far(self, image: np.ndarray, background: np.ndarray, deviation: np.ndarray) -> np.ndarray:
         """(pixel,) bool: which pixels (pixel, 3) are neither background nor in a shadow."""

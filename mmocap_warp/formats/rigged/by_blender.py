@@ -16,10 +16,13 @@ import sys, bpy
 source, target = sys.argv[-2:]
 bpy.ops.wm.read_factory_settings(use_empty=True)
 read = bpy.ops.wm.fbx_import if "fbx_import" in dir(bpy.ops.wm) else bpy.ops.import_scene.fbx
-read(filepath=source)
-bpy.ops.export_scene.gltf(
-    filepath=target, export_materials="NONE", export_all_influences=True, export_anim_slide_to_zero=True
-)
+wanted = {"export_materials": "NONE", "export_all_influences": True, "export_anim_slide_to_zero": True}
+known = bpy.ops.export_scene.gltf.get_rna_type().properties.keys()  # old versions have fewer
+try:
+    read(filepath=source)
+    bpy.ops.export_scene.gltf(filepath=target, **{name: wanted[name] for name in wanted if name in known})
+except Exception as error:
+    sys.exit([line for line in str(error).splitlines() if line.strip() and not line.startswith("Location: ")][-1])
 """
 
 
@@ -37,10 +40,9 @@ def read_fbx(path: Path, character: str | None, blender: str) -> RiggedMesh:
         target = Path(folder) / f"{path.stem}.glb"
         command = [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python-expr", _SCRIPT]
         command += ["--", str(path.resolve()), str(target)]
-        problem = _run(command)
-        if problem is not None or not target.is_file():
-            said = problem or "wrote nothing"
-            raise InputError(path, f"cannot be read by {program}, which {said}", "open it there and save it as .glb")
+        problem = _run(command) or (None if target.is_file() else "wrote nothing")
+        if problem is not None:
+            raise InputError(path, f"cannot be read by {program}, which {problem}", "open it there and save it as .glb")
         try:
             return read_gltf(target, character)
         except InputError as error:

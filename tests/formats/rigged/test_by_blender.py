@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -77,6 +78,38 @@ def test_a_blender_that_fails_is_told_in_one_line(
     if "wait" in script:  # and what it has started is ended with it
         state = Path(f"/proc/{Path('child').read_text().strip()}/stat")
         assert not state.exists() or state.read_text().split()[2] == "Z"
+
+
+@pytest.mark.parametrize("known", [["filepath", "export_materials"], ["filepath"]])
+def test_an_old_blender_gets_the_options_that_it_knows_and_says_why_it_fails(
+    known: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: dict[str, object] = {}
+    properties = SimpleNamespace(properties=dict.fromkeys(known))
+
+    class Export:
+        def get_rna_type(self) -> SimpleNamespace:
+            return properties
+
+        def __call__(self, **options: object) -> None:
+            given.update(options)
+
+    def read(filepath: str) -> None:
+        if filepath == "bad.fbx":
+            raise RuntimeError("Error: Python: Traceback\nTypeError: no version\n\nLocation: ops.py:113\n")
+
+    operators = SimpleNamespace(
+        wm=SimpleNamespace(read_factory_settings=lambda use_empty: None),
+        import_scene=SimpleNamespace(fbx=read),
+        export_scene=SimpleNamespace(gltf=Export()),
+    )
+    monkeypatch.setitem(sys.modules, "bpy", SimpleNamespace(ops=operators))
+    monkeypatch.setattr(sys, "argv", ["blender", "--", "good.fbx", "made.glb"])
+    exec(by_blender._SCRIPT, {})
+    assert given == {"filepath": "made.glb"} | ({"export_materials": "NONE"} if "export_materials" in known else {})
+    monkeypatch.setattr(sys, "argv", ["blender", "--", "bad.fbx", "made.glb"])
+    with pytest.raises(SystemExit, match=r"^TypeError: no version$"):
+        exec(by_blender._SCRIPT, {})
 
 
 def test_without_blender_the_remedies_are_named(character: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -266,11 +266,13 @@ def batch(
     folder.mkdir(parents=True, exist_ok=True)
     lock(folder)
     people, trials, failures = _planned(files, folder, chosen, rules, kind)
+    for pattern in [rule[0] for rule in rules if not any(fnmatch(name, rule[0]) for name in files)]:
+        reporter.warn(f"{plan}: no scene matches '{pattern}'; the first is called '{next(iter(files))}'")
     for name, problem in failures.items():
         reporter.warn(f"{name}: given up: {problem}")
 
-    seconds, heard = minutes and 60.0 * minutes, show or (lambda status: None)
-    status = run_jobs([*people, *trials], start, heard, reporter.warn, seconds)
+    heard = show or (lambda status: None)
+    status = run_jobs([*people, *trials], start, heard, reporter.warn, minutes and 60.0 * minutes)
     failures |= {task.job.name: status.failures[task.name] for task in trials if task.name in status.failures}
     done = [task.check() for task in trials if task.name not in failures]
     page = folder / "index.html"
@@ -291,8 +293,8 @@ def _steps(text: str) -> tuple[str, ...]:
 
 
 def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dict[str, Path]:
-    """The scenes' files by name: their folders, from where these part."""
-    source = Path(scenes) if isinstance(scenes, str | Path) else Path("scenes")
+    """The scenes' files by name: their folders, below the one that was given or else from where these part."""
+    source = Path(scenes) if isinstance(scenes, str | Path) else Path("the list of scenes")
     if not isinstance(scenes, str | Path):
         given = [Path(scene) for scene in scenes]
     elif source.is_dir():
@@ -307,7 +309,7 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
     if not files:
         raise InputError(source, "names no scene", "write a scene.toml for each recording, as 'mmocap init' does")
     folders = [file.resolve().parent for file in files]
-    root = commonpath([folder.parent for folder in folders])
+    root = commonpath([folder.parent for folder in folders] + [source.resolve()] * source.is_dir())
     named = {folder.relative_to(root).as_posix(): file for folder, file in zip(folders, files, strict=True)}
     if len(named) < len(files) or not all(map({*folders}.isdisjoint, (folder.parents for folder in folders))):
         raise InputError(source, "names two scenes of one folder", "give every scene a folder of its own")
@@ -376,8 +378,7 @@ def _facts_of(files: list[Path]) -> list[dict[str, Any] | str]:
 def _facts(file: Path) -> dict[str, Any] | str:
     try:
         scene = load_scene(file)
-        own = file_hash([each for each in (scene.path, scene.subject) if each is not None])
-        return recording_facts(scene) | {"files": own}
+        return recording_facts(scene) | {"files": file_hash([each for each in (scene.path, scene.subject) if each])}
     except InputError as error:
         return " ".join(str(error).split())
 

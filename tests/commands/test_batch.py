@@ -260,6 +260,20 @@ def test_the_command_says_what_is_missing(whole, made, here, tmp_path, capsys):
     assert [each["scene"] for each in answer["failed"]] == ["broken"]
 
 
+def test_scenes_are_named_from_the_folder_that_was_given(made, here, tmp_path):
+    (tmp_path / "days").mkdir()
+    shutil.copytree(made / "b", tmp_path / "days" / "monday" / "b")
+    plan = tmp_path / "plan.toml"
+    plan.write_text("[[scenes]]\nmatch = 'monday/*'\n[[scenes]]\nmatch = 'tuesday/*'\n")
+    with pytest.warns(UserWarning, match="plan.toml: no scene matches 'tuesday/\\*'; the first is called 'monday/b'"):
+        done = mm.batch(tmp_path / "days", tmp_path / "out", steps="track", plan=plan)
+    assert [each["name"] for each in done.trials] == ["monday/b"]
+    # A scene's own folder and a list give the last folder's name.
+    for number, given in enumerate([tmp_path / "days" / "monday" / "b", [tmp_path / "days" / "monday" / "b"]]):
+        done = mm.batch(given, tmp_path / str(number), steps="track")
+        assert [each["name"] for each in done.trials] == ["b"]
+
+
 @pytest.mark.parametrize(
     ("given", "error", "told"),
     [

@@ -14,12 +14,10 @@ _recorder = threading.local()  # its commands, in a thread that records
 
 def launch(kernel: Any, dim: Any, inputs: list[Any], outputs: list[Any], *, device: Any, block_dim: int = 256) -> None:
     """As ``wp.launch``; a thread that records keeps the launch."""
-    commands: list[Any] | None = getattr(_recorder, "commands", None)
-    command = wp.launch(
-        kernel, dim, inputs, outputs, device=device, block_dim=block_dim, record_cmd=commands is not None
-    )
-    if commands is not None and command is not None:
-        commands.append(command)
+    packed: list[Any] | None = getattr(_recorder, "commands", None)
+    command = wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=block_dim, record_cmd=packed is not None)
+    if packed is not None and command is not None:
+        packed.append(command)
         command.launch()
 
 

@@ -144,16 +144,14 @@ def evaluations(
         ]
 
 
-def _evaluation(
-    group: str, load: Workload, objective: Objective, renderer: str, threads: int, expected: partial
-) -> Case:
+def _evaluation(group: str, load: Workload, objective: Objective, renderer: str, threads: int, counts: partial) -> Case:
     candidates, device = objective.candidates, objective.device
     sizes = {"renderer": renderer, "candidates": candidates} | load.sizes_on(device, threads)
 
     def check() -> Check:
         objective.count.zero_()
         cost = objective.evaluate(candidates).numpy()
-        reference = expected()
+        reference = counts()
         count = objective.count.numpy()[: len(reference)].astype(int)
         apart, pixels = int(np.abs(count - reference).sum()), int(reference[..., 0].sum())
         allowed = 0 if device == "cpu" else PIXELS_APART * pixels

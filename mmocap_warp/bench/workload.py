@@ -77,12 +77,10 @@ class Workload:
 
     def objective(self, candidates: int, renderer: str, device: str, threads: int = 1) -> Objective:
         """An objective with masks and poses in it."""
-        objective = Objective(
-            self.body, np.eye(3), self.rig, candidates, renderer=renderer, device=device, threads=threads
-        )
-        objective.observe(self.observation)
-        objective.pose.assign(self.poses(candidates))
-        return objective
+        made = Objective(self.body, np.eye(3), self.rig, candidates, renderer=renderer, device=device, threads=threads)
+        made.observe(self.observation)
+        made.pose.assign(self.poses(candidates))
+        return made
 
     def posed(self, candidates: int, device: str) -> wp.array:
         """(candidate, tracking vertex) vec3 [m]."""

@@ -86,10 +86,8 @@ class AnnealedFilter(Optimizer):
     def plan(self, evaluations: int) -> list[int]:
         """Whole layers only, shared evenly over the partitions; what does not divide is not spent."""
         layers = min(self._layers, evaluations // self.particles)
-        shares = share_budget(layers, len(self._partitions))
-        self._schedule = kernels.make_schedule(
-            self._partitions, shares, not self.config.carries, self.space.seed.device
-        )
+        share = share_budget(layers, len(self._partitions))
+        self._schedule = kernels.make_schedule(self._partitions, share, not self.config.carries, self.space.seed.device)
         return [self.particles] * layers
 
     def start(self, pose: wp.array[wp.float32]) -> None:

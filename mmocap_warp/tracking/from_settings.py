@@ -37,12 +37,10 @@ def make_objective(subject: Subject, rig: CameraRig, config: TrackConfig, candid
     )  # fmt: skip
 
 
-def make_fitter(
-    subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, **options: Any
-) -> ContourFitter:
-    """A fitter of contours of a run's settings, with further options of :class:`ContourFitter`."""
+def make_fitter(subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, **others: Any) -> ContourFitter:
+    """A fitter of contours of a run's settings, and others of :class:`ContourFitter`."""
     index, limits = subject.body.skeleton.searched(config.dof), search_limits(subject, config)
-    return ContourFitter(subject.body, rig, index, limits, candidates=candidates, **_machine(config), **options)
+    return ContourFitter(subject.body, rig, index, limits, candidates=candidates, **_machine(config), **others)
 
 
 def _machine(config: TrackConfig) -> dict[str, Any]:

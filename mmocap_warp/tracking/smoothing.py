@@ -27,7 +27,7 @@ from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.shipped import deviation_factors
 from mmocap_warp.tracking.contour_state import LEVEL_FRAMES
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
-from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs
+from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs, mirrored
 from mmocap_warp.tracking.pins import Pins
 from mmocap_warp.tracking.recovery_starts import RecoveryStarts
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -200,7 +200,7 @@ class _MaskWindow:
             each.append(self._body_fitter.linearise_views(only, rooted[i : i + 1]))
         return each[0].followed_by(*each[1:])
 
-    def judged(self, frame: int, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def judged(self, frame: int, pose: np.ndarray, moving: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Costs (pose,) by areas and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen."""
         observation, objective = self._held[frame % self._places], self._objective
         cost, iou = np.full(len(pose), np.nan), np.full((len(pose), len(observation.foreground)), np.nan)
@@ -211,7 +211,7 @@ class _MaskWindow:
             self._judged = frame
         for first in range(0, len(pose), objective.candidates):
             part = slice(first, min(first + objective.candidates, len(pose)))
-            cost[part], count = objective.judged(pose[part])
+            cost[part], count = objective.judged(pose[part], moving)
             iou[part] = overlap(count, observation)
         return cost, iou
 
@@ -262,7 +262,7 @@ class _RunSmoother:
         from_rest = masks.pairs_from_rest if masks.pairs else None
         backward = BackwardPass(
             self._descend, self._linearise, self._rooting, points,
-            raw.rate, self._area_costs, coordinates, from_rest, self,
+            raw.rate, self._area_costs, coordinates, from_rest, lambda pose: mirrored(skeleton, pose), self,
         )  # fmt: skip
         opinion = None if mending else backward
         problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, opinion, masks.band)
@@ -380,11 +380,11 @@ class _RunSmoother:
         starts = self._masks.starts.reaching(pose.astype(np.float32), np.array([frame]), [place])[0]
         return self._rooting.refold(self._rooting.enter(starts))
 
-    def _area_costs(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
-        """(pose,) what the masks of frames and the body in a pose for each do not cover of each other."""
+    def _area_costs(self, frames: np.ndarray, rooted: RootedPoses, moving: np.ndarray | None = None) -> np.ndarray:
+        """See :class:`~mmocap_warp.contour.clip.backward_pass.AreaCost`."""
         poses, cost = self._rooting.leave(rooted, np.zeros(3)), np.zeros(len(frames))
         for same in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(frames)) + 1):
-            cost[same] = self._masks.judged(int(frames[same[0]]), poses[same])[0]
+            cost[same] = self._masks.judged(int(frames[same[0]]), poses[same], moving)[0]
         return cost
 
 

@@ -62,7 +62,7 @@ class TwoBasins:
         basin = self.nearest(frames, starts)
         return self.truth[frames].where(basin == 0, self.other[frames]), 100.0 + self.extra[basin, frames]
 
-    def areas(self, frames, rooted):
+    def areas(self, frames, rooted, moving=None):
         return np.where(self.nearest(frames, rooted) == 0, 0.05, 0.05 * (1.0 + self.hidden))
 
     @property
@@ -139,6 +139,33 @@ def test_a_limb_that_is_lost_to_the_end_is_recalled_from_before():
     recalling = BackwardPass(clip.descend, clip.linearise, clip.rooting, clip.points, RATE, clip.areas, [limb])
     assert clip.error(recalling.revised(frames, known, clip.rooting.none)).max() < 0.02
     assert recalling.revised(frames, clip.truth, clip.rooting.none) is clip.truth
+
+
+def test_a_limb_that_no_frame_knows_is_recalled_from_the_other_side():
+    clip = TwoBasins(np.full(FRAMES, 1.2))
+    frames, limb = np.arange(FRAMES), np.arange(BODY.skeleton.coordinates)[ELBOW]
+    alone = BackwardPass(clip.descend, clip.linearise, clip.rooting, clip.points, RATE, clip.areas, [limb])
+    assert alone.revised(frames, clip.other, clip.rooting.none) is clip.other
+
+    def mirrored(pose: np.ndarray) -> np.ndarray:
+        """As if the other arm were not folded."""
+        exchanged = pose + 0.3  # what is not of the limb does not count
+        exchanged[ELBOW] = pose[ELBOW] - 1.2
+        return exchanged
+
+    both = replace(alone, mirrored=mirrored)
+    assert clip.error(both.revised(frames, clip.other, clip.rooting.none)).max() < 0.02
+
+
+def test_a_body_that_stands_still_recalls_nothing():
+    clip = TwoBasins(np.full(FRAMES, 1.2))
+    still = RootedPoses(clip.truth.base, np.repeat(clip.truth.pose[:1], FRAMES, axis=0))
+    clip.truth, clip.other = still, RootedPoses(still.base, still.pose + 0.0)
+    clip.other.pose[:, ELBOW] += 1.2
+    clip.basins = [clip.points.at(poses) for poses in (clip.truth, clip.other)]
+    limb = np.arange(BODY.skeleton.coordinates)[ELBOW]
+    recalling = BackwardPass(clip.descend, clip.linearise, clip.rooting, clip.points, RATE, clip.areas, [limb])
+    assert recalling.revised(np.arange(FRAMES), clip.truth, clip.rooting.none) is clip.truth
 
 
 def test_a_limb_that_leaps_away_and_soon_back_goes_straight_on():

@@ -70,9 +70,7 @@ def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray:
     return share
 
 
-def _voxels_in_all_but_one(
-    rig: CameraRig, seeing: list[int], masks: list[np.ndarray], centre: np.ndarray
-) -> np.ndarray:
+def _voxels_in_all_but_one(rig: CameraRig, views: list[int], masks: list[np.ndarray], centre: np.ndarray) -> np.ndarray:
     """Centres (n, 3) of all voxels that may be in the silhouettes of all views but one [m], and of some others.
 
     Most of the cube is empty, so blocks of voxels are dropped where two views see only background about them.
@@ -84,7 +82,7 @@ def _voxels_in_all_but_one(
     middle = (grid[::_BLOCK, ::_BLOCK, ::_BLOCK] + 0.5 * (_BLOCK - 1) * _SPACING).reshape(-1, 3) + centre
     reach = 0.5 * np.sqrt(3) * _BLOCK * _SPACING
     misses = np.zeros(len(middle), int)
-    for k in seeing:
+    for k in views:
         # A block's pixels are at most `spread` from its middle: both terms of a pixel, numerator and depth, change.
         matrix = rig.K[k] @ rig.R[k]
         seen = middle @ matrix.T + rig.K[k] @ rig.t[k]

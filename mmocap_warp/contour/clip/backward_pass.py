@@ -2,14 +2,13 @@
 
 A tracker that lost a limb finds it again some frames later. From there, following the frames backwards leads along the
 limb: a fist folds before the chest in one direction of time, and comes out of it in the other. A limb that no later
-frame knows may be where it was in an earlier frame: its angles there are recalled. Two limbs that explain each other's
-masks, such as crossed arms, may be wrong in all frames alike: they are fitted once more from rest. A limb that leaps
-away and soon back may have gone straight on.
+frame knows may be where it, or else the limb of the other side, was in another frame: the angles are recalled. Two
+limbs that explain each other's masks, such as crossed arms, may be wrong in all frames alike: they are fitted once more
+from rest. A limb that leaps away and soon back may have gone straight on.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Protocol
 
 import numpy as np
@@ -35,8 +34,8 @@ class UncoveredMask(Protocol):
         """Poses like one (1,) of a frame with limbs that reach to what it leaves uncovered."""
 
 
-AreaCost = Callable[[np.ndarray, RootedPoses], np.ndarray]
-"""What frames' masks and the body in a pose for each do not cover of each other (frame,)."""
+AreaCost = Callable[[np.ndarray, RootedPoses, np.ndarray | None], np.ndarray]
+"""What frames' masks and poses do not cover of each other (pose,); quick if poses differ in some coordinates alone."""
 
 AHEAD = 0.6
 """Frames are followed back from so far beyond a window [s]: its own end may be where a limb is lost."""
@@ -46,7 +45,7 @@ _MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
 _LOST_COST = 1.35  # a pose that costs so many times as much as the known one has lost the body
 _ANOTHER_PLACE = 0.04  # two poses are different answers if a joint is this far apart [m]
 _RECALL_INTERVAL = 0.1  # seconds between the frames in which limbs are recalled
-_RECALLS_A_PAIR_FIT = 5  # every so many-th of these frames, pairs of limbs are fitted from rest too
+_RECALLS_A_LONGER_LOOK = 5  # in every so many-th of these frames the other side's are tried, and pairs from rest
 _MEMORY_INTERVAL = 0.25  # seconds between the frames that limbs are recalled from
 _BEST_RECALLED = 6  # recalled limbs that are fitted: those whose areas cost least
 _LARGEST_COST_RATIO = 0.95  # a pose replaces another one if its cost is at most this share
@@ -69,6 +68,7 @@ class BackwardPass:
     areas: AreaCost  # what contours do not see: a limb that hides in the trunk has no outline there, and so no error
     limbs: Sequence[np.ndarray]  # the coordinates (coordinate,) of each
     pairs_from_rest: PairsFromRest | None = None  # how pairs of limbs are fitted from rest; None where there are none
+    mirrored: Callable[[np.ndarray], np.ndarray] | None = None  # a pose (coordinate,) with left and right exchanged
     uncovered: UncoveredMask | None = None  # tells of limbs that masks show and the body does not; None to do without
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
@@ -150,7 +150,7 @@ class BackwardPass:
         self, frames: np.ndarray, answers: Sequence[RootedPoses], different: np.ndarray, cost: np.ndarray
     ) -> np.ndarray:
         """What areas cost (answer, frame), scaled so that the first answer's weigh as much as its contours (frame,)."""
-        areas = np.stack([self.areas(frames[different], poses[different]) for poses in answers])
+        areas = np.stack([self.areas(frames[different], poses[different], None) for poses in answers])
         return np.asarray(areas * (cost[different].sum() / max(areas[0].sum(), _NO_AREA)))
 
     def _add_uncovered(
@@ -181,6 +181,8 @@ class BackwardPass:
         rooting, way, end = self.rooting, known, int(np.flatnonzero(seen)[-1])
         last = before = rooting.leave(known[end : end + 1], np.zeros(3))[0]
         aside = max(1, self._recall_frames // 2)
+        own = known[seen].pose[:: max(1, round(_MEMORY_INTERVAL * self.rate))]
+        of_other_side = np.array([self.mirrored(pose) for pose in own]) if self.mirrored and self.limbs else own[:0]
         for f in reversed(range(end + 1)):
             if not seen[f]:
                 continue
@@ -189,9 +191,12 @@ class BackwardPass:
             # Now and then, look for limbs that are lost in both directions of time.
             there, better = way[f : f + 1], None
             if self.limbs and (end - f) % self._recall_frames == 0:
-                better = self._with_limb_recalled(int(frames[f]), there, known[seen])
-            if self.pairs_from_rest and not better and (end - f) % (_RECALLS_A_PAIR_FIT * self._recall_frames) == 0:
-                better = self._better(int(frames[f]), there, self.pairs_from_rest(int(frames[f]), there))
+                better = self._with_limb_recalled(int(frames[f]), there, own)
+            if not better and (end - f) % (_RECALLS_A_LONGER_LOOK * self._recall_frames) == 0:
+                if len(of_other_side):
+                    better = self._with_limb_recalled(int(frames[f]), there, of_other_side)
+                if self.pairs_from_rest and not better:
+                    better = self._better(int(frames[f]), there, self.pairs_from_rest(int(frames[f]), there))
             if self.uncovered and (end - f) % self._recall_frames == 0:
                 now = better or there
                 # What one frame alone shows may be a fault of its masks.
@@ -227,18 +232,21 @@ class BackwardPass:
         """Frames from one in which limbs are recalled to the next."""
         return max(1, round(_RECALL_INTERVAL * self.rate))
 
-    def _with_limb_recalled(self, frame: int, there: RootedPoses, known: RootedPoses) -> RootedPoses | None:
-        """A pose (1,) with a limb as it was in another frame that is known, if that clearly costs less.
+    def _with_limb_recalled(self, frame: int, there: RootedPoses, memory: np.ndarray) -> RootedPoses | None:
+        """A pose (1,) with a limb as it is in one of the memory (pose, coordinate), if that clearly costs less.
 
         A limb that neither direction of time finds may have come back to where it was.
         """
-        others = np.arange(len(known))[:: max(1, round(_MEMORY_INTERVAL * self.rate))]
-        pose = np.repeat(there.pose, len(others) * len(self.limbs), axis=0)
-        for changed, (other, limb) in zip(pose, product(others, self.limbs), strict=True):
-            changed[limb] = known.pose[other, limb]
-        starts = RootedPoses(np.repeat(there.base, len(pose), axis=0), pose)
-        areas = self.areas(np.full(len(pose), frame), starts)
-        return self._better(frame, there, starts[np.argsort(areas, kind="stable")[:_BEST_RECALLED]])
+        starts, areas = [], []
+        for limb in self.limbs:
+            moving = limb[np.isin(limb, self.rooting.searched)]
+            moved = there[np.zeros(len(memory), int)]
+            moved.pose[:, moving] = memory[:, moving]
+            starts.append(moved)
+            area = self.areas(np.full(len(moved), frame), moved, moving)
+            areas.append(np.where(self._differ(moved, there), area, np.inf))
+        best = np.argsort(np.concatenate(areas), kind="stable")[:_BEST_RECALLED]
+        return self._better(frame, there, starts[0].followed_by(*starts[1:])[best])
 
     def _followed_ahead(self, frames: np.ndarray, way: RootedPoses, f: int, seen: np.ndarray) -> RootedPoses:
         """The way with poses found forwards from frame ``f``, where a limb was recalled, while they clearly cost less.
@@ -265,12 +273,14 @@ class BackwardPass:
         at = np.full(len(starts), frame)
         fitted, contours = self.descend(at, starts)
         fitted = self.rooting.refold(fitted)
-        areas = self.areas(at, fitted)
+        if not (differs := self._differ(fitted, there)).any():
+            return None
+        areas = self.areas(at, fitted, None)
         # Scaled so that contours and areas of the pose that is there weigh the same.
         cost = contours * areas[0] + areas * contours[0]
         if covers:
             cost = self._with_uncovered(frame, fitted, cost)
-        least, limit = np.where(self._differ(fitted, there), cost, np.inf), _LARGEST_COST_RATIO * cost[0]
+        least, limit = np.where(differs, cost, np.inf), _LARGEST_COST_RATIO * cost[0]
         best = int(np.argmin(least))
         if least[best] < limit and not covers:
             both = fitted[np.array([best, 0])]

@@ -224,14 +224,12 @@ class ContourFitter:
         """Set by how much each camera's masks reach beyond what they show (camera,) [px]; at first by nothing."""
         self.fields.struct.larger.assign(larger.astype(np.float32))
 
-    def linearise(
-        self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None
-    ) -> NormalEquations:
+    def linearise(self, place: np.ndarray, poses: RootedPoses, neighbours: Neighbours | None = None) -> NormalEquations:
         """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``.
 
         Late views see where the ``neighbours`` lead; without these, the body stands still for them.
         """
-        parts = [self._read_sums(count) for count in self._summed(place, rooted, neighbours)]
+        parts = [self._read_sums(count) for count in self._summed(place, poses, neighbours)]
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def linearise_views(

@@ -27,9 +27,7 @@ from mmocap_warp.result.truth import Truth
 from mmocap_warp.whole_file import file_name
 
 _LABEL_FIELDS = ("K", "r", "t", "RDistort", "TDistort")
-_RAT7M_FIELDS = (
-    *("IntrinsicMatrix", "rotationMatrix", "translationVector", "RadialDistortion", "TangentialDistortion"),
-)
+_RAT7M_FIELDS = ("IntrinsicMatrix", "rotationMatrix", "translationVector", "RadialDistortion", "TangentialDistortion")
 
 
 def read_dannce(root: Path, first: str = "0") -> DatasetScene:

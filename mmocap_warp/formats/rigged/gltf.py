@@ -163,12 +163,11 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
         joint = _nearest_above(number, above, joint_of, include_itself=True) if "mesh" in node else -1
         if "skin" in node or joint < 0:
             continue
-        scene = bind[joints[joint]] @ np.linalg.inv(rest[joints[joint]]) @ rest[number]
+        carrier = joints[joint]
+        scene = bind[carrier] @ np.linalg.inv(rest[carrier]) @ rest[number]
         parts += _read_mesh(document, node["mesh"], joint, scene)
-        if number != joints[joint]:
-            notes.append(
-                f"mesh {node.get('name') or number} has no skin: it follows {nodes[joints[joint]].get('name')}"
-            )
+        if number != carrier:
+            notes.append(f"mesh {node.get('name') or number} has no skin: it follows {nodes[carrier].get('name')}")
     mesh = rigged_mesh.RiggedMesh(
         name=str((skinned[0][1] if skinned else {}).get("name") or path.stem),
         joints=tuple(str(nodes[node].get("name") or f"joint{node}") for node in joints),

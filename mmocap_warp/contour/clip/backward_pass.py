@@ -181,8 +181,10 @@ class BackwardPass:
         rooting, way, end = self.rooting, known, int(np.flatnonzero(seen)[-1])
         last = before = rooting.leave(known[end : end + 1], np.zeros(3))[0]
         aside = max(1, self._recall_frames // 2)
-        own = known[seen].pose[:: max(1, round(_MEMORY_INTERVAL * self.rate))]
-        of_other_side = np.array([self.mirrored(pose) for pose in own]) if self.mirrored and self.limbs else own[:0]
+        poses = known[seen].pose
+        own = poses[:: max(1, round(_MEMORY_INTERVAL * self.rate))]
+        # Drawing limbs alone is cheap enough to try the other side's poses of more frames.
+        of_other_side = list(map(self.mirrored, poses[:: self._recall_frames])) if self.mirrored and self.limbs else []
         for f in reversed(range(end + 1)):
             if not seen[f]:
                 continue
@@ -193,8 +195,8 @@ class BackwardPass:
             if self.limbs and (end - f) % self._recall_frames == 0:
                 better = self._with_limb_recalled(int(frames[f]), there, own)
             if not better and (end - f) % (_RECALLS_A_LONGER_LOOK * self._recall_frames) == 0:
-                if len(of_other_side):
-                    better = self._with_limb_recalled(int(frames[f]), there, of_other_side)
+                if of_other_side:
+                    better = self._with_limb_recalled(int(frames[f]), there, np.array(of_other_side))
                 if self.pairs_from_rest and not better:
                     better = self._better(int(frames[f]), there, self.pairs_from_rest(int(frames[f]), there))
             if self.uncovered and (end - f) % self._recall_frames == 0:
@@ -237,14 +239,13 @@ class BackwardPass:
 
         A limb that neither direction of time finds may have come back to where it was.
         """
-        starts, areas = [], []
+        starts, areas, at = [], [], np.full(len(memory), frame)
         for limb in self.limbs:
             moving = limb[np.isin(limb, self.rooting.searched)]
             moved = there[np.zeros(len(memory), int)]
             moved.pose[:, moving] = memory[:, moving]
             starts.append(moved)
-            area = self.areas(np.full(len(moved), frame), moved, moving)
-            areas.append(np.where(self._differ(moved, there), area, np.inf))
+            areas.append(np.where(self._differ(moved, there), self.areas(at, moved, moving), np.inf))
         best = np.argsort(np.concatenate(areas), kind="stable")[:_BEST_RECALLED]
         return self._better(frame, there, starts[0].followed_by(*starts[1:])[best])
 

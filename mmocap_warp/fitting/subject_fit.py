@@ -72,7 +72,7 @@ _NEAR, _FAR = 0.2, 0.4  # spreads of joints that begin near rest, and of a perso
 _FAR_SHARE = 3  # times as many evaluations as usual find joints that begin far
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
 _LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
-_MOST_PARTS, _PART_SECONDS, _SPAN_SECONDS = 3, 4.0, 24.0  # parts at most, each of so much, of so much recording [s]
+_MOST_PARTS, _PART_SECONDS, _SPAN_SECONDS = 3, 4.0, 24.0  # parts at most; recording [s] for each; in which they begin
 _FAILED = 1.5  # a part that costs so many times as much as the first was not followed
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
 

@@ -38,7 +38,7 @@ def make_objective(subject: Subject, rig: CameraRig, config: TrackConfig, candid
 
 
 def make_fitter(subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, **others: Any) -> ContourFitter:
-    """A fitter of contours of a run's settings, and others of :class:`ContourFitter`."""
+    """A fitter of contours by a run's settings; ``others`` are arguments of :class:`ContourFitter`."""
     index, limits = subject.body.skeleton.searched(config.dof), search_limits(subject, config)
     return ContourFitter(subject.body, rig, index, limits, candidates=candidates, **_machine(config), **others)
 

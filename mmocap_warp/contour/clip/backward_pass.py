@@ -35,7 +35,7 @@ class UncoveredMask(Protocol):
 
 
 AreaCost = Callable[[np.ndarray, RootedPoses, np.ndarray | None], np.ndarray]
-"""What frames' masks and poses do not cover of each other (pose,); quick if poses differ in some coordinates alone."""
+"""Area (pose,) that only mask or body covers; quicker for poses of a frame that differ in given coordinates alone."""
 
 AHEAD = 0.6
 """Frames are followed back from so far beyond a window [s]: its own end may be where a limb is lost."""
@@ -45,7 +45,7 @@ _MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
 _LOST_COST = 1.35  # a pose that costs so many times as much as the known one has lost the body
 _ANOTHER_PLACE = 0.04  # two poses are different answers if a joint is this far apart [m]
 _RECALL_INTERVAL = 0.1  # seconds between the frames in which limbs are recalled
-_RECALLS_A_LONGER_LOOK = 5  # in every so many-th of these frames the other side's are tried, and pairs from rest
+_RECALLS_A_LONGER_LOOK = 5  # every so many-th of these frames tries the other side's poses and pairs from rest
 _MEMORY_INTERVAL = 0.25  # seconds between the frames that limbs are recalled from
 _BEST_RECALLED = 6  # recalled limbs that are fitted: those whose areas cost least
 _LARGEST_COST_RATIO = 0.95  # a pose replaces another one if its cost is at most this share

@@ -1,6 +1,5 @@
 """A motion clip, which is a skeleton of any make that moves, and Biovision's ``.bvh`` read as one."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -34,18 +33,6 @@ class MotionClip:
         mixed = (1 - share) * self.rotation[before] + share * self.rotation[after]
         u, _, vt = np.linalg.svd(mixed)
         return replace(self, fps=fps, place=place, rotation=u @ vt)
-
-
-def clip_of_tree(
-    fps: float, names: Sequence[str], parents: Sequence[int], rest: np.ndarray, place: np.ndarray, rotation: np.ndarray
-) -> MotionClip:
-    """A clip of joints, parents first, whose arrays are given relative to their parents, and are changed in place."""
-    for joint, parent in enumerate(parents):
-        if parent >= 0:
-            rest[joint] += rest[parent]
-            place[:, joint] = place[:, parent] + applied(rotation[:, parent], place[:, joint])
-            rotation[:, joint] = rotation[:, parent] @ rotation[:, joint]
-    return MotionClip(fps, tuple(names), rest, place, rotation)
 
 
 _REMEDY = "export it again as BVH"
@@ -159,8 +146,7 @@ def _read_joint(words: _Words, parent: int, joints: list[_Joint]) -> int:
 
 
 def _pose_joints(joints: list[_Joint], values: np.ndarray, fps: float) -> MotionClip:
-    names, parents, offsets, *_ = zip(*joints, strict=True)
-    rest = np.array(offsets)
+    rest = np.array([joint.offset for joint in joints])
     place = np.tile(rest, (len(values), 1, 1))
     rotation = np.tile(np.eye(3), (len(values), len(joints), 1, 1))
     for j, joint in enumerate(joints):
@@ -169,4 +155,8 @@ def _pose_joints(joints: list[_Joint], values: np.ndarray, fps: float) -> Motion
                 place[:, j, "xyz".index(channel[0])] = values[:, column]  # in place of the offset
             else:
                 rotation[:, j] = rotation[:, j] @ turn(channel[0], np.radians(values[:, column]))
-    return clip_of_tree(fps, names, parents, rest, place, rotation)
+        if joint.parent >= 0:  # which comes first, and is in the world by now
+            rest[j] += rest[joint.parent]
+            place[:, j] = place[:, joint.parent] + applied(rotation[:, joint.parent], place[:, j])
+            rotation[:, j] = rotation[:, joint.parent] @ rotation[:, j]
+    return MotionClip(fps, tuple(joint.name for joint in joints), rest, place, rotation)

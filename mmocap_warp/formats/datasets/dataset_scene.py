@@ -135,11 +135,9 @@ def finite(value: object, shape: tuple[int, ...], where: str, what: str) -> np.n
     Raises:
         InputError: other things than finite numbers, or another number of them.
     """
-    try:
+    count = "x".join("n" if side < 0 else str(side) for side in shape)
+    with input_errors(where, f"{what} is not {count} numbers", REMEDY, TypeError, ValueError):
         array = np.asarray(value, np.float64).reshape(shape)
-    except (TypeError, ValueError):
-        count = "x".join("n" if side < 0 else str(side) for side in shape)
-        raise InputError(where, f"{what} is not {count} numbers", REMEDY) from None
     if not (np.abs(array) < _MAX_NUMBER).all():
         raise InputError(where, f"{what} holds a number that is not finite or over {_MAX_NUMBER:g}", REMEDY)
     return array
@@ -172,8 +170,7 @@ def read_mat(path: str | Path) -> dict[str, Any]:
     if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
         remedy = "load it in MATLAB and save it with save(..., '-v7'), or convert it with h5py and scipy.io.savemat"
         raise InputError(path, "is a .mat file of version 7.3, which is not read", remedy)
-    try:
+    kinds = MatReadError, zlib.error, ArithmeticError, LookupError, OSError, *_ERRORS
+    with input_errors(path, "cannot be read as a .mat file ({error})", REMEDY, *kinds):
         content: dict[str, Any] = loadmat(io.BytesIO(data), simplify_cells=True, variable_names=_MAT_VARIABLES)
-    except (MatReadError, zlib.error, ArithmeticError, LookupError, OSError, *_ERRORS) as error:
-        raise InputError(path, f"cannot be read as a .mat file ({error})", REMEDY) from None
     return content

@@ -162,10 +162,9 @@ def _read_truth(
         ratio = f"the .ofs say that {sync.mocap_per_frame:.4g} of its frames pass in one"
         raise InputError(path, f"runs at {tracks.rate:g} Hz, but {ratio}", "take .c3d and .ofs of the same sequence")
     position = sync.mocap_position(frames) - 1  # HumanEva counts from 1, arrays from 0
-    try:
+    remedy = "give the data set's own .c3d: Vicon's 39 markers are needed"
+    with input_errors(path, "{error}", remedy, vicon_points.MissingPointError):
         markers = vicon_points.markers_at(tracks, position)
-    except vicon_points.MissingPointError as error:
-        raise InputError(path, str(error), "give the data set's own .c3d: Vicon's 39 markers are needed") from None
     valid = np.isfinite(markers).all(axis=(1, 2))
     if not valid.any():
         problem = f"shows all {len(vicon_points.MARKERS)} markers in none of the frames {frames[0]} to {frames[-1]}"

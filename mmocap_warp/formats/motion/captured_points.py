@@ -41,12 +41,10 @@ def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
         raise InputError(path, "is not a .trc file (no PathFileType header)", "give an OpenSim .trc file")
     fields = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     names = tuple(name.strip() for name in lines[3].split("\t")[2:] if name.strip())
-    try:
+    problem = "header lacks a DataRate, NumMarkers or Units in m, cm or mm"
+    with input_errors(path, problem, "give an OpenSim .trc file", KeyError, ValueError):
         rate, metres = float(fields["DataRate"]), _METRES[fields["Units"].strip()]
         expected = int(fields["NumMarkers"])
-    except (KeyError, ValueError):
-        remedy = "give an OpenSim .trc file"
-        raise InputError(path, "header lacks a DataRate, NumMarkers or Units in m, cm or mm", remedy) from None
     if expected != len(names):
         raise InputError(path, f"line 4 names {len(names)} markers, the header says {expected}", "export it again")
     rows = [_row(line, number, len(names), path) for number, line in enumerate(lines[5:], 6) if line.strip()]

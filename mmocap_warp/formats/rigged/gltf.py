@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.rigged import rigged_mesh
 from mmocap_warp.whole_file import read_bytes
 
@@ -290,11 +290,10 @@ def _bound_by_neighbours(
 def _file_inside(folder: Path, name: str, source: object) -> Path:
     """The file ``name`` in ``folder`` or below it; ``source`` is the file that names it."""
     root = folder.resolve()
-    try:
+    problem = f"names a file {name!r}, which is not a valid name"  # such as one with a zero byte
+    with input_errors(source, problem, "correct that name", OSError, ValueError):
         file = (root / unquote(name)).resolve()
         exists = file.is_file()
-    except (OSError, ValueError):  # such as a name with a zero byte
-        raise InputError(source, f"names a file {name!r}, which is not a valid name", "correct that name") from None
     if not file.is_relative_to(root):
         raise InputError(source, f"names '{name}', which is outside {folder}", "copy it there, and correct its name")
     if not exists:

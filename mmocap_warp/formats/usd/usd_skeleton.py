@@ -7,7 +7,7 @@ import numpy as np
 from pxr import Sdf, Usd, Vt
 
 from mmocap_warp.body.skeleton import Skeleton, coordinate_names
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import input_errors
 from mmocap_warp.formats.usd.usd_file import PrimReader, author
 
 _ROTATION_TOLERANCE = 1e-3
@@ -64,7 +64,7 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     spread = read.array("mmocap:spread", (len(joints),), np.float64)
     models = _read_models(read, coordinate_names(joints, sliding))
     parts, part = read.texts("mmocap:parts"), read.array("mmocap:part", (len(joints),), np.int64)
-    try:
+    with input_errors(read.source, f"{read.prim.GetPath()}: {{error}}", read.remedy, ValueError):
         skeleton = Skeleton(
             joints=joints,
             parent=tuple(numbers[parent] if parent else -1 for parent in above),
@@ -79,8 +79,6 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
             sliding=sliding,
             attached=attached,
         )
-    except ValueError as error:
-        raise InputError(read.source, f"{read.prim.GetPath()}: {error}", read.remedy) from error
     return skeleton, bind[:, :3, 3].astype(np.float32)
 
 

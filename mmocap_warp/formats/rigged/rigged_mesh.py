@@ -57,19 +57,16 @@ class RiggedMesh:
 
 def parents_first(parent: list[int]) -> list[int]:
     """An order of joints, else as they were, in which each comes after its parent; a ValueError for a loop."""
-    order: list[int] = []
-    placed = [False] * len(parent)
+    order: dict[int, None] = {}
     for joint in range(len(parent)):
         chain = []
-        while joint >= 0 and not placed[joint]:
+        while joint >= 0 and joint not in order:
             if joint in chain:
                 raise ValueError("joints form a loop")
             chain.append(joint)
             joint = parent[joint]
-        for each in reversed(chain):
-            placed[each] = True
-            order.append(each)
-    return order
+        order |= dict.fromkeys(reversed(chain))
+    return list(order)
 
 
 def chosen_character(names: Sequence[tuple[str, ...]], named: str | None, path: Path) -> int:

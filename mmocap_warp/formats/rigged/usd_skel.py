@@ -159,9 +159,7 @@ def _read_axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> d
             continue
         physics = UsdPhysics.PrismaticJoint(prim) if slides else UsdPhysics.RevoluteJoint(prim)
         joint = joints.index(prim.GetName())
-        axis = np.zeros(3)
-        axis["XYZ".index(str(physics.GetAxisAttr().Get()))] = 1.0
-        along = bind[joint, :3, :3] @ axis
+        along = bind[joint, :3, "XYZ".index(str(physics.GetAxisAttr().Get()))]
         lower, upper = (float(limit.Get()) for limit in (physics.GetLowerLimitAttr(), physics.GetUpperLimitAttr()))
         if lower > upper:
             raise ValueError(f"{prim.GetPath()} has a lower limit above the upper one")

@@ -27,9 +27,7 @@ def skin_below(mesh: RiggedMesh) -> np.ndarray:
 
 def skin_of(mesh: RiggedMesh) -> np.ndarray:
     """(joint,) how much skin follows each joint itself, as a sum of weights."""
-    total = np.zeros(len(mesh.joints))
-    np.add.at(total, mesh.influence.ravel(), mesh.weight.ravel())
-    return total
+    return np.bincount(mesh.influence.ravel(), mesh.weight.ravel(), len(mesh.joints))
 
 
 def with_named_joints(mesh: RiggedMesh) -> RiggedMesh:

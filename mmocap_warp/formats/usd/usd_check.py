@@ -179,7 +179,7 @@ def _animation_faults(animation: UsdSkel.Animation) -> Iterator[str]:
         for time, sample in _samples(attribute):
             fault = _sample_fault(name, sample, joints)
             if name == "rotations" and fault is None:
-                quaternions = _quaternions(sample)
+                quaternions = np.array(sample, float)
                 if before is not None and ((quaternions * before).sum(axis=1) < 0).any():
                     fault = "a quaternion is on the other side than before, so it is interpolated the long way"
                 before = quaternions
@@ -191,18 +191,12 @@ def _sample_fault(name: str, sample: object, joints: int) -> str | None:
     if sample is None or len(sample) != joints:  # type: ignore[arg-type]
         return f"{0 if sample is None else len(sample)} entries for {joints} joints"  # type: ignore[arg-type]
     if name == "rotations":
-        off = np.abs(np.linalg.norm(_quaternions(sample), axis=1) - 1.0)
+        off = np.abs(np.linalg.norm(np.array(sample, float), axis=1) - 1.0)
         if not (off <= _UNIT_QUATERNION_TOLERANCE).all():
             return "a quaternion is not of unit length"
     if name == "scales" and not (np.array(sample, float) > 0).all():
         return "a scale is not positive, which flattens or mirrors the skin"
     return None
-
-
-def _quaternions(sample: object) -> np.ndarray:
-    """(joint, 4) of a sample of rotations."""
-    rows = [[q.GetReal(), *q.GetImaginary()] for q in sample]  # type: ignore[attr-defined]
-    return np.array(rows, np.float64).reshape(-1, 4)
 
 
 def _mesh_faults(mesh: UsdGeom.Mesh) -> Iterator[str]:

@@ -171,18 +171,13 @@ def study_rig() -> CameraRig:
     return CameraRig(tuple(_CAMERAS), K, R, t, sizes, np.zeros((len(_CAMERAS), 5)), "+z")
 
 
-def _floor_axes(heading: float) -> np.ndarray:
-    """(3, 3), world from the axes that motions are written in."""
-    return upright_base("+z") @ heading_rotation(heading)
-
-
 def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.ndarray]:
     """The base (3, 3) in which the body faces ahead in frame 0, and the poses (frame, 51) from it.
 
     The given poses are in body axes about the origin of the floor, which have this heading in the world [rad].
     """
     turned = zyx_rotation(poses[:, 3:6])
-    floor = _floor_axes(heading)
+    floor = upright_base("+z") @ heading_rotation(heading)  # the world from the axes that motions are written in
     base = np.round(floor @ heading_rotation(float(np.arctan2(turned[0, 0, 2], turned[0, 2, 2]))), _DIGITS)
     moved = poses.copy()
     moved[:, :3] = poses[:, :3] @ floor.T

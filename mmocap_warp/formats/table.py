@@ -119,9 +119,7 @@ EXPORTS: tuple[Format, ...] = (
 )
 """Their functions are called as :func:`export` is."""
 
-POINT_CACHES: tuple[Format, ...] = (
-    Format("USD point cache", (".usda", ".usdc", ".usdz"), "usd.usd_result:export_point_cache"),
-)
+POINT_CACHES: tuple[Format, ...] = (Format("USD point cache", _USD, "usd.usd_result:export_point_cache"),)
 """Exports of the skin's points at every frame instead of a skeleton that moves it; called as :func:`export` is."""
 
 EXPORT_SUFFIXES: tuple[str, ...] = tuple(suffix for format in EXPORTS for suffix in format.suffixes)

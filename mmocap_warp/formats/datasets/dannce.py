@@ -37,7 +37,7 @@ def read_dannce(root: Path, first: str = "0") -> DatasetScene:
     project = sorted(root.glob("*dannce.mat"))
     path = project[0] if project else dataset_scene.find_files(root, "mocap-s*-d*.mat", "and no *dannce.mat")[0]
     content = dataset_scene.read_mat(path)
-    parse = _project if project else _rat7m
+    parse, keys = (_project, _LABEL_FIELDS) if project else (_rat7m, _RAT7M_FIELDS)
     names, lenses, frames, (at, point_names, points) = parse(content, path)
     # The sizes of images are those of the videos.
     if project:
@@ -48,7 +48,8 @@ def read_dannce(root: Path, first: str = "0") -> DatasetScene:
     videos, fps, _ = dataset_scene.open_videos(
         [dataset_scene.find_files(root, pattern, "a camera's video")[0] for pattern in patterns]
     )
-    cameras = [_read_camera(*each) for each in zip(names, lenses, (video.size for video in videos), strict=True)]
+    of_cameras = zip(names, lenses, videos, strict=True)
+    cameras = [_read_camera(name, lens, keys, path, video.size) for name, lens, video in of_cameras]
     # By how many frames cameras lead the first one, as a rule, in these videos.
     inside = (frames[0] >= int(first)) & (frames[0] < int(first) + len(videos[0]))
     if not inside.any():
@@ -79,9 +80,7 @@ def read_dannce(root: Path, first: str = "0") -> DatasetScene:
     return DatasetScene(about, path.stem, rig_of(cameras, "+z", path), fps, count, files, truth, tuple(notes))
 
 
-Lens = tuple[dict[str, Any], tuple[str, ...], str]
-Points = tuple[np.ndarray, tuple[str, ...], np.ndarray]
-Content = tuple[list[str], list[Lens], list[np.ndarray], Points]
+Content = tuple[list[str], list[dict[str, Any]], list[np.ndarray], tuple[np.ndarray, tuple[str, ...], np.ndarray]]
 
 
 def _project(content: dict[str, Any], path: Path) -> Content:
@@ -91,15 +90,12 @@ def _project(content: dict[str, Any], path: Path) -> Content:
     names = names or [f"Camera{number}" for number in range(1, len(params) + 1)]
     if not len(params) == len(sync) == len(names):
         raise InputError(path, f"has {len(params)} params, {len(sync)} sync and {len(names)} camnames", REMEDY)
-    lenses: list[Lens] = [
-        (values, _LABEL_FIELDS, f"{path}: camera {name}") for name, values in zip(names, params, strict=True)
-    ]
     frames = _frames((values.get("data_frame") for values in sync), path)
     if not labels:
-        return names, lenses, frames, (np.zeros(0, int), (), np.zeros((0, 0, 3)))
+        return names, params, frames, (np.zeros(0, int), (), np.zeros((0, 0, 3)))
     at = _frames([labels[0].get("data_frame")], path)[0]
     points = _points(labels[0].get("data_3d"), (len(at), -1, 3), f"{path}: labelData data_3d")
-    return names, lenses, frames, (at, tuple(f"point{k + 1:02}" for k in range(points.shape[1])), points)
+    return names, params, frames, (at, tuple(f"point{k + 1:02}" for k in range(points.shape[1])), points)
 
 
 def _rat7m(content: dict[str, Any], path: Path) -> Content:
@@ -109,12 +105,9 @@ def _rat7m(content: dict[str, Any], path: Path) -> Content:
         raise InputError(path, "has no structs 'cameras' and 'mocap'", REMEDY)
     names = sorted(cameras)
     values = _structs([cameras[name] for name in names], f"{path}: cameras")
-    lenses: list[Lens] = [
-        (each, _RAT7M_FIELDS, f"{path}: camera {name}") for name, each in zip(names, values, strict=True)
-    ]
     frames = _frames((each.get("frame") for each in values), path)
     points = [_points(mocap[name], (len(frames[0]), 3), f"{path}: mocap.{name}") for name in mocap]
-    return names, lenses, frames, (frames[0], tuple(mocap), np.stack(points, axis=1))
+    return names, values, frames, (frames[0], tuple(mocap), np.stack(points, axis=1))
 
 
 def _structs(values: Any, where: str) -> list[dict[str, Any]]:
@@ -142,11 +135,10 @@ def _points(values: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
     return points
 
 
-def _read_camera(name: str, lens: Lens, size: tuple[int, int]) -> Camera:
-    values, keys, where = lens
-    shapes = ((3, 3), (3, 3), (3,), (-1,), (2,))
+def _read_camera(name: str, lens: dict[str, Any], keys: tuple[str, ...], path: Path, size: tuple[int, int]) -> Camera:
+    where, shapes = f"{path}: camera {name}", ((3, 3), (3, 3), (3,), (-1,), (2,))
     K, r, t, radial, tangential = (
-        dataset_scene.finite(values.get(key), shape, where, key) for key, shape in zip(keys, shapes, strict=True)
+        dataset_scene.finite(lens.get(key), shape, where, key) for key, shape in zip(keys, shapes, strict=True)
     )
     if not 2 <= len(radial) <= 3:
         raise InputError(where, f"{keys[3]} is not 2 or 3 numbers", REMEDY)

@@ -47,10 +47,10 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
     # The clip in this project's axes and the body's size, as far as it stays near.
     actor = _Actor.of(clip.at_rate(fps), source)
     scale = leg_length(body) / actor.leg_length
-    actor = actor.part(_frames_in_reach(actor.place_of("pelvis") * scale))
+    actor = actor.part(_frames_in_reach(actor.place["pelvis"] * scale))
     # Root and legs: the body's hips are where the actor's are, moved to the middle.
-    posture = Posture(body, len(actor.place))
-    pelvis, hips = actor.rotation["pelvis"], (actor.place_of("LHip") + actor.place_of("RHip")) / 2 * scale
+    pelvis, hips = actor.rotation["pelvis"], (actor.place["LHip"] + actor.place["RHip"]) / 2 * scale
+    posture = Posture(body, len(pelvis))
     hips_rest = (rest_place(body, "LHip") + rest_place(body, "RHip")) / 2
     root = hips - pelvis @ (hips_rest - body.joint_rest[0])
     shift = (root.min(axis=0) + root.max(axis=0)) / 2 * (1.0, 0.0, 1.0)
@@ -78,38 +78,34 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
 class _Actor:
     """A clip by this project's names and axes: +Y up, +X left, +Z ahead in the rest pose; lengths are the clip's."""
 
-    order: tuple[str, ...]  # the joints, as in ``_NAMES`` with both sides
-    rest: np.ndarray  # (joint, 3)
-    place: np.ndarray  # (frame, joint, 3)
-    rotation: dict[str, np.ndarray]  # (frame, 3, 3) of each joint, from the rest pose
+    # By joint, as in ``_NAMES`` with both sides.
+    rest: dict[str, np.ndarray]  # (3,)
+    place: dict[str, np.ndarray]  # (frame, 3)
+    rotation: dict[str, np.ndarray]  # (frame, 3, 3), from the rest pose
 
     @classmethod
     def of(cls, clip: MotionClip, source: object) -> Self:
         joints = _find_joints(clip, source)
-        index = list(joints.values())
         axes = _rest_axes({name: clip.rest[j] for name, j in joints.items()}, source)
-        rotation = {name: axes.T @ clip.rotation[:, j] @ axes for name, j in joints.items()}
-        return cls(tuple(joints), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation)
+        rest = {name: clip.rest[j] @ axes for name, j in joints.items()}
+        place = {name: clip.place[:, j] @ axes for name, j in joints.items()}
+        return cls(rest, place, {name: axes.T @ clip.rotation[:, j] @ axes for name, j in joints.items()})
 
     def part(self, frames: slice) -> Self:
         """The same in some of the frames."""
-        rotation = {name: turned[frames] for name, turned in self.rotation.items()}
-        return replace(self, place=self.place[frames], rotation=rotation)
+        place, rotation = ({name: of[frames] for name, of in each.items()} for each in (self.place, self.rotation))
+        return replace(self, place=place, rotation=rotation)
 
     @property
     def leg_length(self) -> float:
         """Hip to knee to ankle, mean of both sides."""
-        at = dict(zip(self.order, self.rest, strict=True))
+        at = self.rest
         bones = [np.linalg.norm(at[s + a] - at[s + b]) for s in "LR" for a, b in pairwise(("Hip", "Knee", "Ankle"))]
         return float(np.sum(bones)) / 2
 
-    def place_of(self, joint: str) -> np.ndarray:
-        """(frame, 3)."""
-        return self.place[:, self.order.index(joint)]
-
     def bone(self, start: str, end: str) -> np.ndarray:
         """(frame, 3), the direction from a joint to another."""
-        away = self.place_of(end) - self.place_of(start)
+        away = self.place[end] - self.place[start]
         return away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
@@ -147,10 +143,7 @@ def _rest_axes(rest: dict[str, np.ndarray], source: object) -> np.ndarray:
 
 
 def _nearest_axis(direction: np.ndarray) -> np.ndarray:
-    axis = np.zeros(3)
-    largest = int(np.abs(direction).argmax())
-    axis[largest] = np.sign(direction[largest])
-    return axis
+    return np.where(np.arange(3) == np.abs(direction).argmax(), np.sign(direction), 0.0)
 
 
 def _frames_in_reach(root: np.ndarray) -> slice:

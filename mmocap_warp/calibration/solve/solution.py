@@ -7,10 +7,8 @@
 4. Heads and feet that two cameras see in one place give metres, floor and vertical (``level``).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -29,9 +27,7 @@ from mmocap_warp.calibration.solve.tangents import (
 )
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
-
-if TYPE_CHECKING:
-    from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.recording import Scene
 
 _FRAMES = 100  # frames of the recording that are used, evenly spread
 _MAX_PIXELS = 960  # pixels of an image's longer side

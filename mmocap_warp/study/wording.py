@@ -1,14 +1,10 @@
 """Numbers and lists as the report writes them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from mmocap_warp.study.summary import CellSummary, Measure
+from mmocap_warp.study.summary import CellSummary, Measure
 
 DASH = "–"
 _MINUS = "\N{MINUS SIGN}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from mmocap_warp.masks.observation import Observation, unpack_masks
@@ -67,8 +68,6 @@ def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> P
 
 def _whole_silhouette(mask: np.ndarray) -> np.ndarray | None:
     """(n, 2), the pixels of a silhouette; None of one that is missing or may be cut off by the image's border."""
-    import cv2
-
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] >= _SPECK_SHARE * int(mask.sum())
     large[0] = False  # the background
@@ -117,8 +116,6 @@ def _axis(pixels: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _hull(pixels: np.ndarray) -> np.ndarray:
     """(CORNERS, 2), the convex hull's corners, moved outward by half a pixel as the axis' ends are."""
-    import cv2
-
     corners = cv2.convexHull(pixels.astype(np.int32))[:, 0].astype(float)
     outward = corners - pixels.mean(axis=0)
     corners += 0.5 * outward / np.linalg.norm(outward, axis=1, keepdims=True)

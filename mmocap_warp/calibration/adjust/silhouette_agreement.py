@@ -14,10 +14,12 @@ them turns and moves cameras that contours cannot, because their outlines do not
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from mmocap_warp.calibration.adjust.camera_changes import OFFSET, changed
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.cleanup import dilated
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.masks.visual_hull import meeting_point, seen_at
 from mmocap_warp.result.pose_errors import nanmean
@@ -75,8 +77,6 @@ def _voxels_in_all_but_one(rig: CameraRig, views: list[int], masks: list[np.ndar
 
     Most of the cube is empty, so blocks of voxels are dropped where two views see only background about them.
     """
-    import cv2
-
     axis = np.arange(-_REACH, _REACH + _SPACING, _SPACING)
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
     middle = (grid[::_BLOCK, ::_BLOCK, ::_BLOCK] + 0.5 * (_BLOCK - 1) * _SPACING).reshape(-1, 3) + centre
@@ -104,16 +104,13 @@ def _voxels_in_all_but_one(rig: CameraRig, views: list[int], masks: list[np.ndar
 
 def _covered_share(rig: CameraRig, k: int, centre: np.ndarray, pixels: np.ndarray, mask: np.ndarray) -> float:
     """The share of a mask that voxels at these pixels cover; each voxel is drawn as a disc of its size."""
-    import cv2
-
     height, width = mask.shape
     within = (pixels >= 0).all(axis=1) & (pixels[:, 0] < width) & (pixels[:, 1] < height)
     drawn = np.zeros(mask.shape, np.uint8)
     drawn[pixels[within, 1], pixels[within, 0]] = 1
     depth = max(float((rig.R[k] @ centre + rig.t[k])[2]), 0.1)
     radius = max(1, int(np.ceil(0.5 * np.sqrt(2) * _SPACING * rig.K[k, 0, 0] / depth)))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    covered = cv2.dilate(drawn, kernel).astype(bool)
+    covered = dilated(drawn, 2 * radius + 1).astype(bool)
     return float((covered & mask).sum() / mask.sum())
 
 

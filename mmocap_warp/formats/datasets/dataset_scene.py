@@ -1,6 +1,8 @@
 """A recording of a data set that becomes a scene, and what the readers of data sets share."""
 
+import io
 import json
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -160,9 +162,6 @@ def read_mat(path: str | Path) -> dict[str, Any]:
     Raises:
         InputError: no such file, a damaged one, or one of version 7.3, which is HDF5.
     """
-    import io
-    import zlib
-
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 

@@ -17,9 +17,6 @@ import numpy as np
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.visual_hull import explained_share, mask_centroid, meeting_point_of
 
-Masks = Sequence[np.ndarray]
-"""Masks of a frame: per camera (height, width) bool."""
-
 _PIXELS = 120  # pixels of each mask that are compared with the other views
 _MIN_PIXELS = 20  # a mask with fewer foreground pixels shows nobody
 _EXTENT = 1.75  # metres to which the subject is scaled, so that neither its size nor a wrong unit counts
@@ -84,8 +81,8 @@ class Silhouettes:
     diameters: np.ndarray  # (camera,) of the circles about the masks' largest pieces [px]
 
     @classmethod
-    def of(cls, masks: Masks) -> Self:
-        """What is compared of these masks."""
+    def of(cls, masks: Sequence[np.ndarray]) -> Self:
+        """What is compared of the masks of a frame, per camera (height, width) bool."""
         square = np.ones((3, 3), np.uint8)
         grown = [cv2.dilate(mask.astype(np.uint8), square) for mask in masks]
         centroids, diameters = np.full((len(masks), 2), np.nan), np.full(len(masks), np.nan)

@@ -55,7 +55,7 @@ def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.n
         for other in sorted(mesh.neighbours[kept]):
             heapq.heappush(heap, (error(kept, other), kept, other, age[kept], age[other]))
             heapq.heappush(heap, (error(other, kept), other, kept, age[other], age[kept]))
-    kept_vertex, renumbered = np.unique(mesh.remaining_faces(), return_inverse=True)
+    kept_vertex, renumbered = np.unique([corners for corners in mesh.face if corners], return_inverse=True)
     return kept_vertex.astype(np.int32), renumbered.reshape(-1, 3).astype(np.int32)
 
 
@@ -89,11 +89,11 @@ class _Collapsing:
 
     def __init__(self, vertex: np.ndarray, face: np.ndarray) -> None:
         self._position = vertex.tolist()
-        self._face: list[list[int]] = face.tolist()
+        self.face: list[list[int]] = face.tolist()
         self._faces_at: list[set[int]] = [set() for _ in self._position]
         self.neighbours: list[set[int]] = [set() for _ in self._position]
-        self.faces_left = len(self._face)
-        for f, (a, b, c) in enumerate(self._face):
+        self.faces_left = len(self.face)
+        for f, (a, b, c) in enumerate(self.face):
             for v in (a, b, c):
                 self._faces_at[v].add(f)
                 self.neighbours[v] |= {a, b, c} - {v}
@@ -104,7 +104,7 @@ class _Collapsing:
         if len(wings) != 2 or any(len(self.neighbours[v]) <= 3 for v in wings):
             return False
         for f in self._faces_at[gone]:
-            corners = self._face[f]
+            corners = self.face[f]
             if kept in corners:
                 continue
             before = self._normal(corners)
@@ -116,24 +116,20 @@ class _Collapsing:
     def collapse(self, gone: int, kept: int) -> None:
         """Move vertex ``gone`` onto ``kept``; the two triangles between them vanish."""
         for f in list(self._faces_at[gone]):
-            corners = self._face[f]
+            corners = self.face[f]
             if kept in corners:
                 for v in corners:
                     self._faces_at[v].discard(f)
-                self._face[f] = []
+                self.face[f] = []
                 self.faces_left -= 1
             else:
-                self._face[f] = [kept if v == gone else v for v in corners]
+                self.face[f] = [kept if v == gone else v for v in corners]
                 self._faces_at[kept].add(f)
         for v in self.neighbours[gone]:
             self.neighbours[v].discard(gone)
             if v != kept:
                 self.neighbours[v].add(kept)
                 self.neighbours[kept].add(v)
-
-    def remaining_faces(self) -> np.ndarray:
-        """(face, 3) int, over the original vertices."""
-        return np.array([corners for corners in self._face if corners])
 
     def _normal(self, corners: list[int]) -> tuple[float, float, float]:
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (self._position[v] for v in corners)

@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.cameras.rig import CameraRig, to_pixels
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,7 @@ def draw_outlines(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> lis
 def on_image(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:
     """Pixels (..., 2) of points (..., 3) in camera ``k``, a pinhole."""
     seen = points @ rig.R[k].T + rig.t[k]
-    focal, centre = rig.K[k, [0, 1], [0, 1]], rig.K[k, :2, 2]
-    return seen[..., :2] / seen[..., 2:] * focal + centre
+    return to_pixels(rig, k, seen[..., :2] / seen[..., 2:])
 
 
 def fill(start: np.ndarray, end: np.ndarray, sign: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -81,9 +81,8 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     vertex, face = part_mesh(thing.mesh, thing.source)
     vertex = thing.scale * vertex
     extent = float(np.ptp(vertex[np.unique(face)], axis=0).max())
-    of_body = float(np.ptp(body.skin.rest[body.own_vertex], axis=0).max())
-    if not _SHORTEST * of_body < extent < _LONGEST * of_body:
-        problem = f"{thing.mesh.name} is {extent:.3g} m long, the body {of_body:.3g} m"
+    if not _SHORTEST * body.extent < extent < _LONGEST * body.extent:
+        problem = f"{thing.mesh.name} is {extent:.3g} m long, the body {body.extent:.3g} m"
         raise thing.wrong(problem, "set scale to its unit in metres, such as 0.001")
     follows, weight = np.zeros((len(vertex), 1), int), np.ones((len(vertex), 1))
     mesh = welded(RiggedMesh("", ("",), (-1,), np.eye(4)[None], vertex, face, follows, weight))

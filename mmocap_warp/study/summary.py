@@ -1,12 +1,10 @@
 """What the statistics and the report need of each cell: a few kilobytes of the megabytes that a result is."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -194,7 +192,7 @@ class StudySummary:
         self.contenders = [*self.others, *compared, *self.baseline_contenders]
 
     @classmethod
-    def of(cls, results: Iterable[CellResult]) -> StudySummary:
+    def of(cls, results: Iterable[CellResult]) -> Self:
         """Summarise results one by one, so that only one of them is in memory at a time.
 
         Where several are of the same cell, the one that was started last counts.

@@ -1,9 +1,8 @@
 """A person in each view as an upright stick and an outline: the top of the head, the foot below it, the convex hull."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import cv2
 import numpy as np
@@ -35,12 +34,12 @@ class PersonInViews:
         """(camera, frame) bool: the whole person is seen."""
         return np.isfinite(self.head[..., 0])
 
-    def without(self, frames: np.ndarray) -> PersonInViews:
+    def without(self, frames: np.ndarray) -> Self:
         """The same, not seen in these frames (numbers or a mask)."""
         left = [values.copy() for values in (self.head, self.foot, self.hull)]
         for values in left:
             values[:, frames] = np.nan
-        return PersonInViews(*left)
+        return type(self)(*left)
 
 
 def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> PersonInViews:

@@ -10,11 +10,10 @@ signals that all views show alike, such as the head's height, count once more. E
 view, and counts only where the correlation is positive.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 
@@ -34,13 +33,13 @@ class PairScores:
     reach: int  # lags run from minus this to this [frames]
     near: int  # lags within this of one another belong to one peak [frames]
 
-    def within(self, reach: int) -> PairScores:
+    def within(self, reach: int) -> Self:
         """The scores of shorter lags alone."""
-        return PairScores(self.score[:, :, self.reach - reach : self.reach + reach + 1], reach, self.near)
+        return replace(self, score=self.score[:, :, self.reach - reach : self.reach + reach + 1], reach=reach)
 
-    def without(self, view: int) -> PairScores:
+    def without(self, view: int) -> Self:
         """The scores of the other views."""
-        return PairScores(np.delete(np.delete(self.score, view, 0), view, 1), self.reach, self.near)
+        return replace(self, score=np.delete(np.delete(self.score, view, 0), view, 1))
 
     def total(self, offsets: np.ndarray) -> float:
         """The sum over all pairs at offsets (view,); a lag out of reach counts nothing."""

@@ -1,13 +1,11 @@
 """USD files and attributes: read with plain errors, written whole or not at all."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, Self, TypeVar
 
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
@@ -107,11 +105,11 @@ class PrimReader:
         if not condition:
             raise InputError(self.source, f"{self.prim.GetPath()}: {problem}", self.remedy)
 
-    def child(self, name: str) -> PrimReader:
+    def child(self, name: str) -> Self:
         """The reader of a child prim, which must exist."""
         prim = self.prim.GetChild(name)
         self.require(prim.IsValid(), f"has no {name}")
-        return PrimReader(prim, self.source, self.remedy)
+        return type(self)(prim, self.source, self.remedy)
 
     def value(self, name: str) -> Any:
         """An attribute's value, which must exist."""

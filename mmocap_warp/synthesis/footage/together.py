@@ -1,9 +1,8 @@
 """Several people in one room before the same cameras: label images, in which the nearer one hides the others."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -46,7 +45,7 @@ class Together:
     people: tuple[Recording, ...]
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], shifts: np.ndarray) -> Together:
+    def of(cls, recordings: Sequence[Recording], shifts: np.ndarray) -> Self:
         """People who are elsewhere than in their recordings by ``shifts`` (person, 2) [m]."""
         pairs = zip(recordings, shifts, strict=True)
         moved = [(each, np.column_stack([each.poses[:, :2] + shift, each.poses[:, 2:]])) for each, shift in pairs]

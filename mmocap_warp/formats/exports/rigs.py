@@ -11,7 +11,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, joint_transforms
 from mmocap_warp.body.rotations import transposed
-from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.formats.exports.tables import steady_angles
 from mmocap_warp.result.result import Result
 
@@ -44,9 +44,16 @@ def with_rig(result: Result, rig: str) -> Result:
         ValueError: no such rig, or a body without a joint of it.
     """
     subject, body = result.subject, result.subject.body
-    # The body in the rig's rest pose, under the rig's names.
-    skeleton = _rename_joints(body.skeleton, rig_names(body, rig))
+    # The body in the rig's rest pose, under the rig's names; joints' axes are the body's, and free.
+    names, joints = rig_names(body, rig), body.skeleton.joints
     turn, rest = rest_pose(body, RIGS[rig])
+    skeleton = replace(
+        body.skeleton,
+        joints=tuple(names[joint] for joint in joints),
+        frame=np.tile(np.eye(3, dtype=np.float32), (len(joints), 1, 1)),
+        limits=np.tile(np.array([-np.inf, np.inf], np.float32), (len(joints), 3, 1)),
+        pairs=tuple((name, names[left], names[right]) for name, left, right in body.skeleton.pairs),
+    )
     rig_body = replace(
         body,
         skeleton=skeleton,
@@ -132,15 +139,3 @@ def _skin_rest(body: BodyModel, turn: np.ndarray, rest: np.ndarray) -> np.ndarra
     skin, shift = body.skin, rest - np.einsum("jab,jb->ja", turn, body.joint_rest)
     moved = np.einsum("vkab,vb->vka", turn[skin.joint], skin.rest) + shift[skin.joint]
     return np.einsum("vk,vka->va", skin.weight, moved).astype(np.float32)
-
-
-def _rename_joints(skeleton: Skeleton, names: dict[str, str]) -> Skeleton:
-    """A skeleton under other names, whose joints' axes are the body's and free."""
-    joints = len(skeleton.joints)
-    return replace(
-        skeleton,
-        joints=tuple(names[joint] for joint in skeleton.joints),
-        frame=np.tile(np.eye(3, dtype=np.float32), (joints, 1, 1)),
-        limits=np.tile(np.array([-np.inf, np.inf], np.float32), (joints, 3, 1)),
-        pairs=tuple((name, names[left], names[right]) for name, left, right in skeleton.pairs),
-    )

@@ -161,11 +161,8 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
 
 def _is_moving(prim: Usd.Prim) -> bool:
     """Whether a prim, or one above it, has another place at another time."""
-    while prim and not prim.IsPseudoRoot():
-        if prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).TransformMightBeTimeVarying():
-            return True
-        prim = prim.GetParent()
-    return False
+    places = (UsdGeom.Xformable.Get(prim.GetStage(), path) for path in prim.GetPath().GetAncestorsRange())
+    return any(place and place.TransformMightBeTimeVarying() for place in places)
 
 
 def _in_pixels(camera: Camera, size: tuple[int, int], path: str | Path) -> Camera:

@@ -169,8 +169,7 @@ def read_dataset(name: str, root: Path, parts: Sequence[str]) -> DatasetScene:
     needed = [part for part in dataset.parts if not part.startswith("[")]
     if not len(needed) <= len(parts) <= len(dataset.parts):
         raise UsageError(f"a recording of {dataset.title} is named so: {dataset.usage(name)}")
-    scene: DatasetScene = _function(dataset.function)(root, *parts)
-    return scene
+    return _function(dataset.function)(root, *parts)
 
 
 def read_calibration(
@@ -199,8 +198,7 @@ def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> Camer
         Cameras at the origin; None for a calibration that has places.
     """
     format = format_of(CALIBRATIONS, path)
-    lenses: CameraRig | None = _function(format.lenses)(path, up, sizes) if format.lenses else None
-    return lenses
+    return _function(format.lenses)(path, up, sizes) if format.lenses else None
 
 
 def write_calibration(path: Path, rig: CameraRig) -> None:

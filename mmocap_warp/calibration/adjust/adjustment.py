@@ -121,8 +121,7 @@ class Adjustment:
         observations = self.footage.observations(change[:, OFFSET])[:count]
         remedy = "look at the masks (mmocap mask), and check that they belong to these cameras"
         with input_errors(self.scene.path, "{error}", remedy, NoSubjectError):
-            subject = fit_clip(self._body, changed(self.given, change), self.footage.fps, observations, config)
-        return subject
+            return fit_clip(self._body, changed(self.given, change), self.footage.fps, observations, config)
 
     def track_person(self, change: np.ndarray, subject: Subject) -> Person:
         """The person through all frames."""

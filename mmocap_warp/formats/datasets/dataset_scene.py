@@ -171,5 +171,4 @@ def read_mat(path: str | Path) -> dict[str, Any]:
         raise InputError(path, "is a .mat file of version 7.3, which is not read", remedy)
     kinds = MatReadError, zlib.error, ArithmeticError, LookupError, OSError, *_ERRORS
     with input_errors(path, "cannot be read as a .mat file ({error})", REMEDY, *kinds):
-        content: dict[str, Any] = loadmat(io.BytesIO(data), simplify_cells=True, variable_names=_MAT_VARIABLES)
-    return content
+        return loadmat(io.BytesIO(data), simplify_cells=True, variable_names=_MAT_VARIABLES)

@@ -8,6 +8,8 @@ from typing import Any
 from xml.etree.ElementTree import Element, ParseError, register_namespace, tostring
 
 import numpy as np
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import read_bytes
@@ -129,14 +131,10 @@ def plain_xml(data: bytes, source: Path, remedy: str) -> Element:
     Raises:
         InputError: it is no XML, which ``remedy`` mends, or has entities.
     """
-    from defusedxml import DefusedXmlException
-    from defusedxml.ElementTree import fromstring
-
     try:
-        root: Element = fromstring(data)
+        return fromstring(data)
     except DefusedXmlException:
         problem, remedy = "defines XML entities or includes other files", "write their content into this file"
         raise InputError(source, problem, remedy) from None
     except (ParseError, ValueError, LookupError) as error:
         raise InputError(source, f"is not XML ({error})", remedy) from None
-    return root

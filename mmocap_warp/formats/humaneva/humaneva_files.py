@@ -11,7 +11,7 @@ import numpy as np
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of
-from mmocap_warp.formats.datasets.dataset_scene import REMEDY, read_numbers
+from mmocap_warp.formats.datasets.dataset_scene import MILLIMETRE, REMEDY, read_numbers
 from mmocap_warp.whole_file import read_text
 
 
@@ -24,7 +24,6 @@ def read_measures(path: str | Path) -> dict[str, float]:
 
 
 _COUNT = 22
-_MILLIMETRE = 0.001
 
 
 def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
@@ -40,7 +39,7 @@ def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
         raise InputError(path, f"holds {len(numbers)} numbers of {_COUNT}", REMEDY)
     (fx, fy), (cx, cy), (skew,), distortion, R, t = np.split(numbers[:_COUNT], np.cumsum([2, 2, 1, 5, 9]))
     K = np.array([[fx, fx * skew, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return Camera(name, K, R.reshape(3, 3), t * _MILLIMETRE, size, distortion)
+    return Camera(name, K, R.reshape(3, 3), t * MILLIMETRE, size, distortion)
 
 
 def read_cal_folder(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:

@@ -300,7 +300,7 @@ def write_people(folder: Path, clips: Sequence[StudySequence], apart: float, pro
         tables += f"\n[people.{name}]\nlabel = {label}\n{files}\n"
     names = " and ".join(sequence.name for sequence in clips)
     about = f"{names} of the study's shipped sequences in one room, made up with known truth."
-    together = Together.of([sequence.recording for sequence in clips], shifts)
+    together = Together([sequence.recording for sequence in clips], shifts)
     foreground = _FOREGROUND + tables
     return write_made_scene(folder, together, None, name=names, about=about, foreground=foreground, progress=progress)
 

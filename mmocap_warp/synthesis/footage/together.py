@@ -1,12 +1,10 @@
 """Several people in one room before the same cameras: label images, in which the nearer one hides the others."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.footage.made_recording import Recording
 
@@ -38,36 +36,25 @@ def shifted_truth(truth: Truth, shift: np.ndarray) -> Truth:
     return replace(truth, markers=truth.markers + by, joints=truth.joints + by, pose=pose)
 
 
-@dataclass(frozen=True)
 class Together:
-    """Recordings of one length by the same cameras, in one; people keep the order of their labels, from 1 on."""
+    """Recordings of one length by the same cameras, in one; people keep the order of their labels, from 1 on.
 
-    people: tuple[Recording, ...]
+    They are elsewhere than in their recordings by ``shifts`` (person, 2) [m].
+    """
 
-    @classmethod
-    def of(cls, recordings: Sequence[Recording], shifts: np.ndarray) -> Self:
-        """People who are elsewhere than in their recordings by ``shifts`` (person, 2) [m]."""
+    def __init__(self, recordings: Sequence[Recording], shifts: np.ndarray) -> None:
         pairs = zip(recordings, shifts, strict=True)
         moved = [(each, np.column_stack([each.poses[:, :2] + shift, each.poses[:, 2:]])) for each, shift in pairs]
-        return cls(tuple(replace(each, poses=poses) for each, poses in moved))
-
-    @property
-    def fps(self) -> float:
-        """Frames per second."""
-        return self.people[0].fps
-
-    @property
-    def rig(self) -> CameraRig:
-        """The cameras."""
-        return self.people[0].rig
+        self._people = [replace(each, poses=poses) for each, poses in moved]
+        self.fps, self.rig = recordings[0].fps, recordings[0].rig
 
     def __len__(self) -> int:
-        return len(self.people[0])
+        return len(self._people[0])
 
     def masks(self, frame: int) -> list[np.ndarray]:
         """Per camera (height, width) uint8: labels, with the faults that each person's mask has; 0 is background."""
-        masks = [recording.masks(frame) for recording in self.people]
-        skins = [recording.vertices(frame) for recording in self.people]
+        masks = [recording.masks(frame) for recording in self._people]
+        skins = [recording.vertices(frame) for recording in self._people]
         by_view = enumerate(zip(*masks, strict=True))
         return [_labels(of_people, [self._seen(k, skin) for skin in skins]) for k, of_people in by_view]
 

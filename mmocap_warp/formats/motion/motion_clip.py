@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from mmocap_warp.body.rotations import applied, turn
+from mmocap_warp.body.rotations import applied, nearest_rotation, turn
 from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.whole_file import read_text
 
@@ -31,8 +31,7 @@ class MotionClip:
         place = (1 - share) * self.place[before] + share * self.place[after]
         share = share[..., None]
         mixed = (1 - share) * self.rotation[before] + share * self.rotation[after]
-        u, _, vt = np.linalg.svd(mixed)
-        return replace(self, fps=fps, place=place, rotation=u @ vt)
+        return replace(self, fps=fps, place=place, rotation=nearest_rotation(mixed))
 
 
 _REMEDY = "export it again as BVH"

@@ -88,10 +88,6 @@ class Board:
     def _charuco(self) -> cv2.aruco.CharucoBoard:
         return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, self._markers)
 
-    @cached_property
-    def _detector(self) -> cv2.aruco.CharucoDetector:
-        return cv2.aruco.CharucoDetector(self._charuco)
-
     @property
     def corners(self) -> np.ndarray:
         """(corner, 3) float32, the inner corners on the board, row by row: x right, y down, z into the board [m]."""
@@ -102,7 +98,7 @@ class Board:
         """The pixels of the corners (corner, 2) float32 in an image, NaN where not seen; None where too few are."""
         pixels = np.full((len(self.corners), 2), np.nan, np.float32)
         if self.kind == "charuco":
-            corners, numbers, _, _ = self._detector.detectBoard(gray)
+            corners, numbers, _, _ = cv2.aruco.CharucoDetector(self._charuco).detectBoard(gray)
             if numbers is None or len(numbers) < MIN_CORNERS:
                 return None
             pixels[numbers.ravel()] = corners.reshape(-1, 2)

@@ -103,13 +103,13 @@ def look(
     return FirstLook(doubts=(*doubts, *([f"{problem}; {check}"] if problem is not None else [])))
 
 
-@dataclass(frozen=True, eq=False)
 class FewViews:
     """A few frames of a scene, in images that are large enough to compare the views where the recording has such."""
 
-    rig: CameraRig  # the cameras at the masks' size
-    frames: Sequence[list[np.ndarray]]  # per frame and camera (height, width) bool
-    compared: list[Silhouettes]  # what is compared of each frame
+    def __init__(self, rig: CameraRig, frames: Sequence[list[np.ndarray]]) -> None:
+        self.rig = rig  # the cameras at the masks' size
+        self.frames = frames  # per frame and camera (height, width) bool
+        self.compared = [Silhouettes.of(masks) for masks in frames]  # what is compared of each frame
 
     @property
     def diameter(self) -> float:
@@ -130,14 +130,10 @@ class FewViews:
 
 def few_views(scene: Scene, start: Subject | None = None) -> FewViews:
     """A few frames of a scene; ``start`` is the subject, where it is known."""
-    views = _views_of(*few_masks(scene, _SIDE, start))
+    views = FewViews(*few_masks(scene, _SIDE, start))
     if views.diameter < _DIAMETER < int(scene.calibrated.size.max()):
-        views = _views_of(*few_masks(scene, round(_SIDE * min(4.0, _DIAMETER / views.diameter)), start))
+        views = FewViews(*few_masks(scene, round(_SIDE * min(4.0, _DIAMETER / views.diameter)), start))
     return views
-
-
-def _views_of(rig: CameraRig, frames: Sequence[list[np.ndarray]]) -> FewViews:
-    return FewViews(rig, frames, [Silhouettes.of(masks) for masks in frames])
 
 
 def few_masks(

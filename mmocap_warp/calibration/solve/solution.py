@@ -38,8 +38,6 @@ _BLOCKS = 5  # blocks of consecutive frames, each left out once for the standard
 _MAX_PLACE_SIGMA, _MAX_TILT_SIGMA = 1.0, np.radians(10.0)  # metres and radians of a camera that is determined
 _MAX_FOCAL_RATIO = 0.5  # a focal length known no better than this share of the guess's sigma stays as guessed
 
-FocalSource = Literal["given", "found", "guessed"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SolvedCameras:
@@ -60,7 +58,7 @@ class SolvedCameras:
     """
 
     rig: CameraRig
-    focal: tuple[FocalSource, ...]
+    focal: tuple[Literal["given", "found", "guessed"], ...]
     centre_sigma: np.ndarray
     tilt_sigma: np.ndarray
     focal_sigma: np.ndarray

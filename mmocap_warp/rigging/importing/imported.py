@@ -7,6 +7,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh
 from mmocap_warp.body.rotations import applied, axis_vector, continuous_zyx_angles, nearest_rotation, transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
+from mmocap_warp.cameras.rig import UP_AXES
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.rigging.decimation import decimate
 from mmocap_warp.rigging.importing import closing, joint_tree
@@ -258,14 +259,11 @@ def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tupl
     return BodyMotion(motion.fps, pose), np.linalg.norm(place - motion.world[:, :, :3, 3], axis=2)
 
 
-_AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
-
-
 def body_from_file(up: str, facing: str) -> np.ndarray:
     """(3, 3) rotation from a file's axes into a body's; a ValueError for axes that cannot be."""
     for name, axis in (("up", up), ("facing", facing)):
-        if axis not in _AXES:
-            raise ValueError(f"{name} must be one of {', '.join(_AXES)}, got {axis!r}")
+        if axis not in UP_AXES:
+            raise ValueError(f"{name} must be one of {', '.join(UP_AXES)}, got {axis!r}")
     if up[1] == facing[1]:
         raise ValueError(f"facing must be across up, got facing {facing} and up {up}")
     upward, ahead = axis_vector(up) + 0.0, axis_vector(facing) + 0.0  # 0.0 makes zeros of negative zeros

@@ -224,7 +224,7 @@ def body_from_prim(prim: Usd.Prim, source: object) -> model.BodyModel:
         marker_names=marker_names,
         marker_vertex=marker_vertex,
         attribution=read.typed("mmocap:attribution", str),
-        rigid=read.flag("mmocap:rigid"),
+        rigid=read.typed("mmocap:rigid", bool, unsaid=False),
         joint_sets=dict(zip(sets, tables, strict=True)),
     )
 

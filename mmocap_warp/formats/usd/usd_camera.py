@@ -68,11 +68,8 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
         key, shape = _CALIBRATION[name]
         rows = [camera.array(key, (math.prod(shape),), np.float64).reshape(shape) for camera in cameras]
         arrays[name] = np.stack(rows)
-    fisheye = tuple(
-        name
-        for name, camera in zip(names, cameras, strict=True)
-        if camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
-    )
+    lenses = [camera.typed("mmocap:lens", str, unsaid="") for camera in cameras]
+    fisheye = tuple(name for name, lens in zip(names, lenses, strict=True) if lens == _FISHEYE)
     rig = CameraRig(names, **arrays | {"size": arrays["size"].astype(int)}, up=up, fisheye=fisheye)
     return check_rig(rig, source) if rig.fisheye else rig
 

@@ -117,15 +117,16 @@ class PrimReader:
         self.require(value is not None, f"attribute {name} is missing or empty")
         return value
 
-    def typed(self, name: str, kind: type[K]) -> K:
-        """An attribute's value, which must exist and be of a Python type; any file may call it something else."""
+    def typed(self, name: str, kind: type[K], unsaid: K | None = None) -> K:
+        """An attribute's value, which must be of a Python type, as any file may call it something else.
+
+        It must exist, unless there is a value for one that is ``unsaid``.
+        """
+        if unsaid is not None and not self.prim.HasAttribute(name):
+            return unsaid
         value = self.value(name)
         self.require(type(value) is kind, f"attribute {name} is of type {type(value).__name__}, not {kind.__name__}")
         return value
-
-    def flag(self, name: str, unsaid: bool = False) -> bool:
-        """An attribute that is true or false, ``unsaid`` where there is none."""
-        return self.typed(name, bool) if self.prim.HasAttribute(name) else unsaid
 
     def texts(self, name: str, *, optional: bool = False) -> list[str]:
         """An attribute that is a list of texts, which must exist unless it is ``optional``; then it may be empty."""

@@ -75,7 +75,7 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
             parts=tuple(parts),
             part=tuple(part.tolist()),
             pairs=tuple(zip(names, sides[::2], sides[1::2], strict=True)),
-            stands=read.flag("mmocap:stands", unsaid=True),
+            stands=read.typed("mmocap:stands", bool, unsaid=True),
             sliding=sliding,
             attached=attached,
         )

@@ -96,9 +96,6 @@ def _read_truth(path: Path, rig: CameraRig, fps: float, frames: int) -> Truth:
     number = int(rig.names[0].rpartition("_")[2])
     if not isinstance(cells, (list, np.ndarray)) or len(cells) <= number:
         raise InputError(path, f"has no annot3 of camera {number}", REMEDY)
-    joints = (
-        dataset_scene.finite(cells[number], (-1, len(_JOINTS), 3), str(path), f"annot3[{number}]")[:frames]
-        * dataset_scene.MILLIMETRE
-    )
-    world = (joints - rig.t[0]) @ rig.R[0]
+    joints = dataset_scene.finite(cells[number], (-1, len(_JOINTS), 3), str(path), f"annot3[{number}]")[:frames]
+    world = (joints * dataset_scene.MILLIMETRE - rig.t[0]) @ rig.R[0]
     return Truth(fps, np.arange(len(world)), (), np.zeros((len(world), 0, 3)), _JOINTS, world)

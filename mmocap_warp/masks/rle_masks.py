@@ -117,7 +117,8 @@ def _unpack_string(text: str) -> list[int]:
 
 def _read_frames(content: Any) -> list[dict[int, Any]]:
     if isinstance(content, list):
-        return [_read_list_entry(frame) for frame in content]
+        of_frames = (frame if isinstance(frame, list) else [frame] for frame in content)
+        return [{i: _check_rle(rle) for i, rle in enumerate(objects, 1) if rle is not None} for objects in of_frames]
     annotations = content["annotations"]
     if any("segmentations" in one for one in annotations):
         count = max(len(one["segmentations"]) for one in annotations)
@@ -136,13 +137,6 @@ def _read_frames(content: Any) -> list[dict[int, Any]]:
             raise ValueError(f"an image has two masks of identity {identity}: give each annotation a track_id")
         frame[identity] = _check_rle(one["segmentation"])
     return list(by_image.values())
-
-
-def _read_list_entry(frame: Any) -> dict[int, Any]:
-    if frame is None:
-        return {}
-    objects = frame if isinstance(frame, list) else [frame]
-    return {i: _check_rle(rle) for i, rle in enumerate(objects, 1) if rle is not None}
 
 
 def _check_identity(value: Any) -> int:

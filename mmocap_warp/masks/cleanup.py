@@ -1,7 +1,7 @@
 """Cleaning a mask: specks, thin gaps, small holes, and components that are not the subject."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -45,9 +45,9 @@ def mend_mask(mask: np.ndarray, settings: ForegroundSettings, scale: float) -> n
             m[part] = closed(m[part], side)
             m[part] ^= opens
     if settings.fill_holes or settings.min_area:
-        box, area = cv2.boundingRect(m), settings.fill_holes * scale**2
+        area, shorter_side = settings.fill_holes * scale**2, max(1, min(cv2.boundingRect(m)[2:]))
         # What is left of the background beside the foreground is no hole, because that strip is too large for one.
-        inside = m[_around(box, 1 + math.ceil(area / max(1, min(box[2:]))) if area else 0)]
+        inside = m[around(m, 1 + math.ceil(area / shorter_side) if area else 0)]
         if area:
             inside |= small_components(1 - inside, area, connectivity=4)
         if settings.min_area:
@@ -129,11 +129,7 @@ def around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
 
     They begin at even numbers, so that components are found in the order in which they are in the whole image.
     """
-    return _around(cv2.boundingRect(mask), margin)
-
-
-def _around(box: Sequence[int], margin: int) -> tuple[slice, slice]:
-    left, top, width, height = box
+    left, top, width, height = cv2.boundingRect(mask)
     rows, columns = (
         slice(max(0, first - margin) & ~1, max(1, first + length + margin))
         for first, length in ((top, height), (left, width))

@@ -49,7 +49,7 @@ class MaskImages:
         """Frames from ``first`` on, unchanged; of an indexed PNG its objects."""
         for member in self.members[first:]:
             image = _read(self.path, member)
-            check_size(image.shape, self.size, _name(self.path, member))
+            check_size(image.shape, self.size, member if isinstance(member, Path) else self.path / member.name)
             yield image
 
     def sample(self, count: int) -> Iterator[np.ndarray | Labels]:
@@ -92,10 +92,6 @@ def decode_mask_image(data: bytes, source: object) -> np.ndarray | Labels:
     """The content of a mask's image file, unchanged; ``source`` names it in messages."""
     labels = palette_labels(data)
     return decode_image(data, source) if labels is None else labels
-
-
-def _name(path: Path, member: Path | TarMember) -> Path:
-    return member if isinstance(member, Path) else path / member.name
 
 
 _MAX_PATH = 4096  # characters, as in file systems

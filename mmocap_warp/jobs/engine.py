@@ -101,9 +101,11 @@ class Engine(ABC):
             EngineLost: no worker is left.
         """
 
-    @abstractmethod
     def close(self) -> None:
         """End all workers, whatever they are doing."""
+        for seat in self._seats.values():
+            self._end(seat)
+        self._seats = {}
 
     @abstractmethod
     def _start(self, place: Any) -> Seat:

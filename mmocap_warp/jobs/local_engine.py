@@ -96,9 +96,7 @@ class LocalEngine(Engine):
         """See :class:`~mmocap_warp.jobs.engine.Engine`."""
         for seat in self._seats.values():
             seat.worker.terminate()
-        for seat in self._seats.values():
-            self._end(seat)
-        self._seats = {}
+        super().close()
 
     def _start(self, place: str) -> Seat:
         mine, its = self._context.Pipe()

@@ -147,9 +147,7 @@ class RayEngine(engine.Engine):
         """See :class:`~mmocap_warp.jobs.engine.Engine`."""
         import ray
 
-        for seat in self._seats.values():
-            self._end(seat)
-        self._seats = {}
+        super().close()
         ray.shutdown()
 
     def _start(self, place: None) -> engine.Seat:

@@ -116,6 +116,7 @@ class RayEngine(engine.Engine):
     def __init__(self, make: engine.MakeWorker, head: str, shares: Shares) -> None:
         import ray
 
+        self._ray: Any = ray  # which may not be installed where jobs are done otherwise
         self._make, self._head, self._shares = make, head, shares
         self._actor: Any = ray.remote(num_gpus=shares.gpus, num_cpus=shares.cpus)(_Actor)
         self._heard = time.monotonic()
@@ -129,12 +130,10 @@ class RayEngine(engine.Engine):
 
     def events(self, seconds: float) -> list[tuple[int, Any]]:
         """See :class:`~mmocap_warp.jobs.engine.Engine`."""
-        import ray
-
         if not self._seats:
             raise engine.EngineLost("every worker of the Ray cluster died while starting")
         asked = {seat.line: worker for worker, seat in self._seats.items() if seat.line is not None}
-        answered, _ = ray.wait(list(asked), num_returns=1, timeout=seconds) if asked else ([], [])
+        answered, _ = self._ray.wait(list(asked), num_returns=1, timeout=seconds) if asked else ([], [])
         if answered:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > _SECONDS_BETWEEN_PROBES:
@@ -145,10 +144,8 @@ class RayEngine(engine.Engine):
 
     def close(self) -> None:
         """See :class:`~mmocap_warp.jobs.engine.Engine`."""
-        import ray
-
         super().close()
-        ray.shutdown()
+        self._ray.shutdown()
 
     def _start(self, place: None) -> engine.Seat:
         """Ask the cluster for a worker, on whatever machine has room."""
@@ -156,26 +153,22 @@ class RayEngine(engine.Engine):
         return engine.Seat(place, actor, actor.name.remote())
 
     def _end(self, seat: engine.Seat) -> None:
-        import ray
-
-        with suppress(ray.exceptions.RayError):
-            ray.kill(seat.worker)
+        with suppress(self._ray.exceptions.RayError):
+            self._ray.kill(seat.worker)
 
     def _hear(self, worker: int) -> Any | None:
         """What a worker answers; None at the end of its job."""
-        import ray
-
         seat = self._seats[worker]
         try:
             if seat.ready:
-                return ray.get(next(seat.line))
-            name = ray.get(seat.line)
+                return self._ray.get(next(seat.line))
+            name = self._ray.get(seat.line)
             seat.ready, seat.line = True, None
             return engine.Ready(name)
         except StopIteration:
             seat.line = None
             return None
-        except ray.exceptions.RayError as error:
+        except self._ray.exceptions.RayError as error:
             self._check_head()
             self._replace(worker)
             return _how_it_ended(error)
@@ -190,11 +183,9 @@ class RayEngine(engine.Engine):
 
     def _check_machines(self) -> list[engine.Notice]:
         """Ray waits for ever for a machine that a worker fits on; nobody may be left to start one."""
-        import ray
-
         now = time.monotonic()
         needed = {"CPU": self._shares.cpus, "GPU": self._shares.gpus}
-        there = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+        there = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
         if any(all(machine.get(kind, 0.0) >= count for kind, count in needed.items()) for machine in there):
             self._deserted = None
         elif self._deserted is None:

@@ -1,6 +1,6 @@
 """Cameras from a board that is moved about, and the board to print: ``mmocap calib board`` and ``print-board``."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -83,7 +83,9 @@ def calibrate_board(
     detections = []
     with (reporter or Reporter()).stage("board") as progress:
         for k, (frames, source) in enumerate(sources.values()):
-            detections.append(detect_board(_images(frames, source, moments), pattern))
+            numbers = moments if source is None else [source.number(moment) for moment in moments]
+            images = (None if image is None else as_colour(image) for image in frames_by_number(frames, numbers))
+            detections.append(detect_board(images, pattern))
             progress((k + 1) * len(moments), len(sources) * len(moments))
     found = calibrate_from_board(names, sizes, detections, pattern, lenses)
     if floor is not None:
@@ -128,12 +130,6 @@ def _lenses(file: Path, names: Sequence[str], sizes: np.ndarray) -> CameraRig:
             problem = f"the lens of camera '{name}' is of images of another size than its video's {width}x{height}"
             raise InputError(file, problem, "film at the size of the lens's calibration, or leave --known out")
     return rig
-
-
-def _images(frames: Frames, source: CameraSource | None, moments: list[int]) -> Iterator[np.ndarray | None]:
-    numbers = moments if source is None else [source.number(moment) for moment in moments]
-    for image in frames_by_number(frames, numbers):
-        yield None if image is None else as_colour(image)
 
 
 def board_picture(found: BoardCalibration) -> np.ndarray:

@@ -88,7 +88,11 @@ def mask(
     reporter = reporter or Reporter()
     if not 0 < scale <= 1:
         raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
-    loaded = _loaded(scene, frames, identity, with_, reporter)
+    # Masks are made of what the caller says.
+    source = with_ if with_ in (None, "subtraction") else "program"
+    if source == "program" and isinstance(scene, Scene):
+        scene = replace(scene, foreground=replace(scene.foreground, source=source))
+    loaded = scene_from(scene, frames, identity, reporter, source=source)
     by_program = loaded.foreground.source == "program"
     refine, loaded = (None, loaded) if from_body is None else _around_body(loaded, from_body, scale)
     program = find_program("mediapipe" if with_ is None else with_, reporter.note) if by_program else None
@@ -127,17 +131,6 @@ def mask(
     remedy = _remedy(loaded, folder) if report.faults else None
     made = next(iter(consistency), None)
     return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, made, loaded)
-
-
-def _loaded(
-    scene: Scene | str | Path, frames: Frames, identity: int | None, with_: str | None, reporter: Reporter
-) -> Scene:
-    """The scene, whose masks are made of what the caller says."""
-    if with_ is None or with_ == "subtraction":
-        return scene_from(scene, frames, identity, reporter, source=with_)
-    if isinstance(scene, Scene):
-        scene = replace(scene, foreground=replace(scene.foreground, source="program"))
-    return scene_from(scene, frames, identity, reporter, source="program")
 
 
 def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:

@@ -78,9 +78,10 @@ class Skeleton:
         """What is searched, in which steps, and what mirrors what."""
         if not self.models:
             raise ValueError("models must name at least one set of coordinates to search")
+        is_own = np.repeat([True, *~self.is_attached], 3)  # the translation is the body's own
         for number, index in self.models.items():
             ascends = len(index) > 0 and bool(np.all(np.diff(index) > 0))
-            if not ascends or index[0] < 0 or index[-1] >= self.coordinates or self._own(index).sum() != number:
+            if not ascends or index[0] < 0 or index[-1] >= self.coordinates or is_own[index].sum() != number:
                 raise ValueError(
                     f"models: {number} must be that many coordinates of 0 .. {self.coordinates - 1}, ascending"
                 )
@@ -243,11 +244,6 @@ class Skeleton:
     def model_number(self, model: int | None = None) -> int:
         """The number of a model, the default one where omitted."""
         return next(iter(self.models)) if model is None else model
-
-    def _own(self, index: np.ndarray) -> np.ndarray:
-        """(n,) bool: which coordinates ``index`` are the body's own."""
-        attached = np.concatenate([np.zeros(TRANSLATION, bool), np.repeat(self.is_attached, 3)])
-        return ~attached[index]
 
     def searched_by_part(self, model: int | None = None) -> dict[str, np.ndarray]:
         """The coordinates that a model searches, by part and in order; parts without any are left out.

@@ -8,7 +8,6 @@ joint motion*: part I, ankle, hip and spine (J. Biomechanics 35, 2002); part II,
 three-dimensional motions* (J. Biomechanical Engineering 105, 1983).
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +53,12 @@ _MIDDLE: dict[str, JointAngles] = {
     "Trunk": JointAngles("pelvis", "thorax", _BENDING, sign=-1),
     "Neck": JointAngles("thorax", "head", _BENDING, sign=-1),
 }
+_JOINTS = {joint: (each, each.upper, each.lower) for joint, each in _MIDDLE.items()} | {
+    side + joint: (each, each.upper if each.upper in SEGMENTS else f"{side} {each.upper}", f"{side} {each.lower}")
+    for joint, each in _PAIRED.items()
+    for side in "LR"
+}
+"""All joints, each with how its angles are defined and the names of its two segments."""
 
 
 def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
@@ -63,12 +68,11 @@ def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str,
     after it, such as ``LKnee``. ``transforms`` (frame, joint, 4, 4) are those of the body's joints in the world.
     """
     angles = {}
-    for joint, (upper, lower) in _available_joints(body):
-        definition = _PAIRED.get(joint[1:]) or _MIDDLE[joint]
+    for joint, (definition, upper, lower) in _available_joints(body).items():
         between = transposed(segment_axes(body, transforms, upper)) @ segment_axes(body, transforms, lower)
         if lower.startswith("L "):
             between = between * _MIRROR
-        first, second, third = map(_unwrap_degrees, _ANGLES_BY_ORDER[definition.order](between))
+        first, second, third = map(_unwrap_degrees, (_yxy if definition.order == "yxy" else _zxy)(between))
         angles[joint] = dict(zip(definition.names, (definition.sign * first, second, third), strict=True))
     return angles
 
@@ -120,23 +124,13 @@ def _by_joint(skeleton: Skeleton, coordinates: np.ndarray, pose: np.ndarray) -> 
 
 def joints_left_out(body: BodyModel) -> list[str]:
     """The joints of a person whose angles a body lacks; none where it lacks all of them."""
-    has = {joint for joint, _ in _available_joints(body)}
-    return [joint for joint, _ in _all_joints() if joint not in has] if has else []
+    has = _available_joints(body)
+    return [joint for joint in _JOINTS if joint not in has] if has else []
 
 
-def _all_joints() -> Iterator[tuple[str, tuple[str, str]]]:
-    """All joints, with the names of their two segments."""
-    for joint, each in _MIDDLE.items():
-        yield joint, (each.upper, each.lower)
-    for joint, each in _PAIRED.items():
-        for side in "LR":
-            upper = each.upper if each.upper in SEGMENTS else f"{side} {each.upper}"
-            yield side + joint, (upper, f"{side} {each.lower}")
-
-
-def _available_joints(body: BodyModel) -> list[tuple[str, tuple[str, str]]]:
+def _available_joints(body: BodyModel) -> dict[str, tuple[JointAngles, str, str]]:
     known = {name for name, segment in SEGMENTS.items() if {*segment.joints} <= {*body.skeleton.joints}}
-    return [(joint, names) for joint, names in _all_joints() if known.issuperset(names)]
+    return {joint: each for joint, each in _JOINTS.items() if known.issuperset(each[1:])}
 
 
 def _zxy(rotation: np.ndarray) -> np.ndarray:
@@ -163,6 +157,3 @@ def _unwrap_degrees(angle: np.ndarray) -> np.ndarray:
     known = np.isfinite(degrees)
     degrees[known] = np.unwrap(degrees[known], period=360.0)
     return degrees
-
-
-_ANGLES_BY_ORDER = {"zxy": _zxy, "yxy": _yxy}

@@ -46,7 +46,7 @@ def plot_angles(path: Path, measures: Measures) -> None:
 def plot_feet(path: Path, measures: Measures) -> None:
     """Write an SVG with the height of each foot's lowest skin over the floor, and a bar while it stands."""
     feet, seconds = measures.shown.feet, measures.seconds
-    x = _time(seconds, _LEFT, _WIDTH - _RIGHT)
+    x = axis(seconds[0], seconds[-1], _LEFT, _WIDTH - _RIGHT)
     most = max([1000 * float(foot.height.max()) for foot in feet.values()], default=0.0)
     y = axis(-30.0, max(1.05 * most, _LEAST_HEIGHT), _LEGEND + 2 * _ROW - _BOTTOM, _LEGEND + _TOP)
     parts = [_legend(), axes(x, y, "time [s]", "lowest skin over the floor [mm]; bars: on the floor")]
@@ -76,13 +76,9 @@ def _panel(label: str, seconds: np.ndarray, curves: Curves, left: float, right: 
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
     room = max(_LEAST_RANGE - (high - low), 0.1 * (high - low)) / 2
     y = axis(low - room, high + room, top + _ROW - _BOTTOM, top + _TOP, 4)
-    x = _time(seconds, left, right)
+    x = axis(seconds[0], seconds[-1], left, right)
     drawn = [f'<g class="{side}">{_track(x, y, seconds, angle)}</g>' for side, angle in curves.items()]
     return "".join([axes(x, y, "time [s]", label), *drawn])
-
-
-def _time(seconds: np.ndarray, start: float, stop: float) -> Axis:
-    return axis(float(seconds[0]), float(seconds[-1]), start, stop)
 
 
 def _track(x: Axis, y: Axis, seconds: np.ndarray, values: np.ndarray) -> str:

@@ -120,13 +120,17 @@ class BodyModel:
     def in_unit(self, unit: float) -> BodyModel:
         """The body with all of its lengths in a unit [m], what is attached included."""
         by = np.float32(1 / unit)
+        body = self.with_rest(self.skin.rest * by, self.joint_rest * by, by)
+        return replace(body, skeleton=self.skeleton.in_unit(unit))
+
+    def with_rest(self, rest: np.ndarray, joint_rest: np.ndarray, scale: np.float32) -> BodyModel:
+        """The body with other bind places (vertex, 3) and (joint, 3) float32 [m], and its shape targets scaled."""
         return replace(
             self,
-            skeleton=self.skeleton.in_unit(unit),
-            skin=replace(self.skin, rest=self.skin.rest * by),
-            joint_rest=self.joint_rest * by,
-            shape_vertex=self.shape_vertex * by,
-            shape_joint=self.shape_joint * by,
+            skin=replace(self.skin, rest=rest),
+            joint_rest=joint_rest,
+            shape_vertex=self.shape_vertex * scale,
+            shape_joint=self.shape_joint * scale,
         )
 
     @property
@@ -153,13 +157,7 @@ class BodyModel:
             by_vertex, by_joint = self.unscaled
             rest += np.float32(1 - scale) * by_vertex
             joints += np.float32(1 - scale) * by_joint
-        return replace(
-            self,
-            skin=replace(self.skin, rest=rest),
-            joint_rest=joints,
-            shape_vertex=self.shape_vertex * np.float32(scale),
-            shape_joint=self.shape_joint * np.float32(scale),
-        )
+        return self.with_rest(rest, joints, np.float32(scale))
 
 
 @dataclass(frozen=True)

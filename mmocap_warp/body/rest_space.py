@@ -1,7 +1,7 @@
 """A body's rest shape as a linear space: what can be solved for together with poses, for any skeleton."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -161,14 +161,7 @@ class RestSpace:
         if self.body.rigid:
             return self.body
         rest, joint = self.at(beta)
-        scale = np.float32(np.exp(beta[-1]))
-        return replace(
-            self.body,
-            skin=replace(self.body.skin, rest=rest.astype(np.float32)),
-            joint_rest=joint.astype(np.float32),
-            shape_vertex=self.body.shape_vertex * scale,
-            shape_joint=self.body.shape_joint * scale,
-        )
+        return self.body.with_rest(rest.astype(np.float32), joint.astype(np.float32), np.float32(np.exp(beta[-1])))
 
     def nearest(self, body: BodyModel) -> np.ndarray:
         """Parameters (parameter,) float64 of the member nearest to another body of the same mesh.

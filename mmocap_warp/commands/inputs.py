@@ -163,21 +163,19 @@ def scene_of(
     names = ("scene", "identity", "person")
     reference, identity, person = (known.get(name if is_result else f"fit.{name}") for name in names)
     identity = None if identity is None else int(identity)
-    if named is not None:
-        found = named if isinstance(named, Scene) else load_scene(named, identity=identity)
-        return found.of_person(person) if person in found.people else found
-    if reference is None:
-        return None
-    if path is None and not Path(reference).is_absolute():
-        if is_result:
-            remedy = "and that file's place is not known: give the scene, or the result as a file"
-            (reporter or Reporter()).warn(f"the scene {reference} is named from the result's file, {remedy}")
-        return None
-    recorded = Path(reference) if path is None else path.parent / reference
-    if not recorded.exists():
-        problem = f"was made from {recorded}, which is not there"
-        raise InputError(path or "result", problem, "name the scene with --scene")
-    found = load_scene(recorded, identity=identity)
+    if named is None:
+        if reference is None:
+            return None
+        if path is None and not Path(reference).is_absolute():
+            if is_result:
+                remedy = "and that file's place is not known: give the scene, or the result as a file"
+                (reporter or Reporter()).warn(f"the scene {reference} is named from the result's file, {remedy}")
+            return None
+        named = Path(reference) if path is None else path.parent / reference
+        if not named.exists():
+            problem = f"was made from {named}, which is not there"
+            raise InputError(path or "result", problem, "name the scene with --scene")
+    found = named if isinstance(named, Scene) else load_scene(named, identity=identity)
     return found.of_person(person) if person in found.people else found
 
 

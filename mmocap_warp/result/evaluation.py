@@ -61,8 +61,11 @@ def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | N
         InputError: truth that shares no frame, or neither markers nor joints, with the result, or has fewer frames a
             second.
     """
-    points = _Points(result, joint_set, result.joints())
-    joints = points.as_joints
+    joints, points = result.joints(), set_named(RIG, result.subject.body) if joint_set is None else joint_set
+    places = joints if joint_set is None else points.of_runs(result.subject, result.pose)
+    # The set's points stand for the body's joints, as far as they are other definitions of these.
+    stand = points.counterpart >= 0
+    joints[:, :, points.counterpart[stand]] = places[:, :, stand]
     series = {"cost": result.cost, "iou": pose_errors.nanmean(result.iou, axis=2)}
     report = _overlap(result, series["iou"])
     shake = pose_errors.second_differences(joints, result.frame_numbers, result.fps) * _METRES_TO_MM
@@ -75,7 +78,7 @@ def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | N
         report["truth_frames"] = len(mine)
         report |= _marker_errors(truth, mine, theirs, result, series)
         report |= _joint_errors(joints, truth, mine, theirs, result, series)
-        report["by_joint"] = points.errors(truth, mine, theirs)
+        report["by_joint"] = _point_errors(points, places, truth, mine, theirs, result)
         report |= _attached_errors(joints, truth, mine, theirs, result)
         report |= _angle_errors(result, truth, mine, theirs)
         of_runs["growth"] = pose_errors.growth(series["mpjpe_mm"][:, mine])
@@ -88,32 +91,26 @@ def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | N
     return _jsonable(report)
 
 
-class _Points:
-    """The points of a joint set in a result; None is for the body's own ``joints`` (run, frame, joint, 3) [m]."""
+def _point_errors(
+    points: JointSet, places: np.ndarray, truth: Truth, mine: np.ndarray, theirs: np.ndarray, result: Result
+) -> dict[str, _Report]:
+    """By points that the truth names, itself or as the body's joint: the median, the offset, and what is left.
 
-    def __init__(self, result: Result, joint_set: JointSet | None, joints: np.ndarray) -> None:
-        body, self._result = result.subject.body, result
-        self._set = set_named(RIG, body) if joint_set is None else joint_set
-        self._places = joints if joint_set is None else self._set.of_runs(result.subject, result.pose)
-        self._counterpart = [body.skeleton.joints[joint] if joint >= 0 else "" for joint in self._set.counterpart]
-        # The set's points stand for the body's joints, as far as they are other definitions of these.
-        stand = np.flatnonzero(self._set.counterpart >= 0)
-        self.as_joints = joints.copy()
-        self.as_joints[:, :, self._set.counterpart[stand]] = self._places[:, :, stand]
-
-    def errors(self, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> dict[str, _Report]:
-        """By points that the truth names, itself or as the body's joint: the median, the offset, and what is left."""
-        pairs = zip(self._set.names, self._counterpart, strict=True)
-        named = [next((name for name in pair if name in truth.joint_names), "") for pair in pairs]
-        point = [number for number, name in enumerate(named) if name]
-        known = truth.joints[theirs][:, [truth.joint_names.index(named[number]) for number in point]]
-        tracked, axes = self._places[:, mine][:, :, point], self._set.axes(self._result.subject.body)[point]
-        left, offset = pose_errors.offset_free_distance(self._result, mine, tracked, axes, known)
-        values = {"median_mm": np.linalg.norm(tracked - known, axis=-1), "offset_mm": offset, "left_mm": left}
-        return {
-            self._set.names[number]: {key: _median(of[..., i]) * _METRES_TO_MM for key, of in values.items()}
-            for i, number in enumerate(point)
-        }
+    The points are at ``places`` (run, frame, point, 3) [m].
+    """
+    body = result.subject.body
+    counterpart = [body.skeleton.joints[joint] if joint >= 0 else "" for joint in points.counterpart]
+    pairs = zip(points.names, counterpart, strict=True)
+    named = [next((name for name in pair if name in truth.joint_names), "") for pair in pairs]
+    point = [number for number, name in enumerate(named) if name]
+    known = truth.joints[theirs][:, [truth.joint_names.index(named[number]) for number in point]]
+    tracked, axes = places[:, mine][:, :, point], points.axes(body)[point]
+    left, offset = pose_errors.offset_free_distance(result, mine, tracked, axes, known)
+    values = {"median_mm": np.linalg.norm(tracked - known, axis=-1), "offset_mm": offset, "left_mm": left}
+    return {
+        points.names[number]: {key: _median(of[..., i]) * _METRES_TO_MM for key, of in values.items()}
+        for i, number in enumerate(point)
+    }
 
 
 def _overlap(result: Result, iou: np.ndarray) -> _Report:

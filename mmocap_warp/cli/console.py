@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_format
-import math
 import shlex
 import sys
 from collections.abc import Sequence
@@ -90,21 +89,10 @@ class Console(caller.Reporter):
     def result(self, values: dict[str, Any], text: str) -> None:
         """Print the command's answer on stdout: ``values`` as JSON where that is asked for, else ``text``."""
         if self.json:
-            text = json_format.dumps(_finite(values), indent=2, allow_nan=False)
+            from mmocap_warp.result.json_values import json_values
+
+            text = json_format.dumps(json_values(values), indent=2, allow_nan=False)
         print(text)
-
-
-def _finite(value: Any) -> Any:
-    """``value`` in types that JSON knows; what is not a finite number is null."""
-    if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    if hasattr(value, "tolist"):  # NumPy arrays and scalars, known without importing NumPy
-        return _finite(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if isinstance(value, (bool, int, str, type(None))) else str(value)
 
 
 def table(rows: Sequence[tuple[str, ...]], left: int | None = None) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from mmocap_warp.body.joint_sets import RIG, JointSet
 from mmocap_warp.body.joint_sets import joint_set as set_named
 from mmocap_warp.result import pose_errors
+from mmocap_warp.result.json_values import json_values
 from mmocap_warp.result.marker_errors import marker_errors
 from mmocap_warp.result.other_world import other_world
 from mmocap_warp.result.result import STATUS, Result
@@ -88,7 +89,7 @@ def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | N
         )
     report["per_run"] = _per_run(result, series, of_runs)
     report["series"] = {"frame": result.frame_numbers} | series
-    return _jsonable(report)
+    return json_values(report)
 
 
 def _point_errors(
@@ -134,7 +135,7 @@ def _overlap(result: Result, iou: np.ndarray) -> _Report:
 
 def iou_by_camera(result: Result) -> dict[str, float | None]:
     """Mean overlap of each camera over all frames and runs; None where it sees nobody."""
-    return dict(_jsonable(dict(zip(result.cameras.names, pose_errors.nanmean(result.iou, axis=(0, 1)), strict=True))))
+    return dict(json_values(dict(zip(result.cameras.names, pose_errors.nanmean(result.iou, axis=(0, 1)), strict=True))))
 
 
 def _sigmas(result: Result) -> _Report:
@@ -264,16 +265,3 @@ def _statistic(reduce: Callable[[np.ndarray], np.floating], values: np.ndarray) 
 
 
 _mean, _median, _min = (partial(_statistic, reduce) for reduce in (np.nanmean, np.nanmedian, np.nanmin))
-
-
-def _jsonable(value: Any) -> Any:
-    """Arrays become lists, and what JSON cannot say (NaN, infinity) becomes None."""
-    if isinstance(value, dict):
-        return {key: _jsonable(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _jsonable(value.tolist())
-    if isinstance(value, list):
-        return [_jsonable(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

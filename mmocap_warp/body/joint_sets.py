@@ -122,24 +122,18 @@ def parse_joint_set(text: str, body: BodyModel, source: str | Path) -> JointSet:
         raise InputError(source, "has no joints or unknown keys", "give vertices, [landmarks] and [joints] alone")
     if not isinstance(landmarks, dict):
         raise InputError(source, "landmarks is no table", "give each landmark a vertex or a list of vertices")
-    rows = _Rows(body, {name: _vertices(value) for name, value in landmarks.items()}, source)
+    rows = _Rows(body, landmarks, source)
     return rows.joint_set(Path(source).stem if isinstance(source, Path) else str(source), points)
-
-
-def _vertices(value: Any) -> list[int]:
-    """A landmark's vertices; none where the value is neither a number nor a list of numbers."""
-    numbers = value if isinstance(value, list) else [value]
-    return numbers if all(type(each) is int for each in numbers) else []
 
 
 class _Rows:
     """Fills the matrices of a set, a point of the body a row, by landmarks' vertices; errors name ``source``."""
 
-    def __init__(self, body: BodyModel, landmarks: Mapping[str, list[int]], source: object) -> None:
-        self._skeleton, self._count = body.skeleton, len(body.skin.rest)
-        self._landmarks, self._source = landmarks, source
-        for name, vertices in landmarks.items():
-            if not vertices or not all(0 <= each < self._count for each in vertices):
+    def __init__(self, body: BodyModel, landmarks: Mapping[str, Any], source: object) -> None:
+        self._skeleton, self._count, self._source = body.skeleton, len(body.skin.rest), source
+        self._landmarks = {name: value if isinstance(value, list) else [value] for name, value in landmarks.items()}
+        for name, vertices in self._landmarks.items():
+            if not vertices or not all(type(each) is int and 0 <= each < self._count for each in vertices):
                 raise self._error(name, f"is no vertex, or list of vertices, of 0 to {self._count - 1}")
 
     def joint_set(self, name: str, points: Mapping[str, Any]) -> JointSet:

@@ -224,11 +224,10 @@ class Skeleton:
         Raises:
             ValueError: no such model.
         """
-        if model is None:
-            return next(iter(self.models.values()))
-        if model not in self.models:
+        number = self.model_number(model)
+        if number not in self.models:
             raise ValueError(f"dof must be one of {list(self.models)}, got {model}")
-        return self.models[model]
+        return self.models[number]
 
     def searched_angles(self, model: int | None = None) -> np.ndarray:
         """The angles that a model searches, without the root's: (angle,) int32, ascending."""

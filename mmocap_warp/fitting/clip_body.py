@@ -181,14 +181,13 @@ def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
     own = np.flatnonzero(space.body.own_vertex)
     top, bottom = own[rest[own, 1].argmax()], own[rest[own, 1].argmin()]
     lengths = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
-    across, stands = np.ptp(rest[own], axis=0), space.body.skeleton.stands
-    if across[2] > across[1] or not stands:
-        axis = 2 if stands else int(across.argmax())
+    across, skeleton = np.ptp(rest[own], axis=0), space.body.skeleton
+    if across[2] > across[1] or not skeleton.stands:
+        axis = 2 if skeleton.stands else int(across.argmax())
         front, back = own[rest[own, axis].argmax()], own[rest[own, axis].argmin()]
         lengths["length"] = rest[front, axis] - rest[back, axis], d_rest[:, front, axis] - d_rest[:, back, axis]
     for name in space.names:
         if name.startswith("bone."):
-            skeleton = space.body.skeleton
             end = skeleton.index(name.removeprefix("bone.").split("+")[0])
             bone, change = (each[..., end, :] - each[..., skeleton.parent[end], :] for each in (joint, d_joint))
             length = float(np.linalg.norm(bone))

@@ -43,8 +43,8 @@ def solve(call: Any, loaded: Scene, height: float, output: Path, picture: Path |
         cameras = call()
     except UnsolvableError as error:
         return Answer({"solved": False, "reason": str(error)}, [f"check failed: {error}"], CHECK_FAILED)
-    lines = _lines(loaded, cameras, height, output, picture)
-    return Answer(_values(loaded, cameras, output, picture), lines)
+    values = _values(loaded, cameras, output, picture)
+    return Answer(values, _lines(loaded, cameras, values, height))
 
 
 def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | None) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | 
                 "centre_m": row.centre,
                 "centre_sigma_m": cameras.centre_sigma[k],
                 "height_m": row.height,
-                "tilt_deg": _tilt(cameras, k),
+                "tilt_deg": np.degrees(np.arcsin(-rig.R[k, 2] @ rig.up_vector)),
                 "tilt_sigma_deg": np.degrees(cameras.tilt_sigma[k]),
                 "field_of_view_deg": row.field_of_view,
                 "focal_px": rig.K[k, 0, 0],
@@ -81,22 +81,23 @@ def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | 
     }
 
 
-def _lines(scene: Scene, cameras: SolvedCameras, height: float, output: Path, picture: Path | None) -> list[str]:
+def _lines(scene: Scene, cameras: SolvedCameras, values: dict[str, Any], height: float) -> list[str]:
     import numpy as np
 
-    from mmocap_warp.cameras.rig import describe_rig
     from mmocap_warp.formats.toml_table import quoted_path
 
+    output, picture = values["calibration"], values["picture"]
     # A row for each camera.
     rows: list[tuple[str, ...]] = [_COLUMNS]
-    for k, row in enumerate(describe_rig(cameras.rig)):
-        focal = f"{cameras.rig.K[k, 0, 0]:.0f} px, {cameras.focal[k]}"
-        if cameras.focal[k] == "found":
-            focal += f" +- {100 * cameras.focal_sigma[k]:.1f} %"
-        place = (*(f"{value:.2f}" for value in row.centre), f"{cameras.centre_sigma[k]:.2f}", f"{row.height:.2f}")
-        tilt = f"{_tilt(cameras, k):.1f}", f"{np.degrees(cameras.tilt_sigma[k]):.1f}"
-        view = "{:.0f}x{:.0f}".format(*row.field_of_view)
-        rows.append((row.name, str(cameras.whole[k]), f"{100 * cameras.agreed[k]:.0f} %", *place, *tilt, view, focal))
+    for row in values["cameras"]:
+        focal = f"{row['focal_px']:.0f} px, {row['focal']}"
+        if row["focal"] == "found":
+            focal += f" +- {100 * row['focal_sigma']:.1f} %"
+        place = (f"{value:.2f}" for value in (*row["centre_m"], row["centre_sigma_m"], row["height_m"]))
+        tilt = f"{row['tilt_deg']:.1f}", f"{row['tilt_sigma_deg']:.1f}"
+        view = "{:.0f}x{:.0f}".format(*row["field_of_view_deg"])
+        frames, agreed = str(row["whole_frames"]), f"{100 * row['agreed']:.0f} %"
+        rows.append((row["name"], frames, agreed, *place, *tilt, view, focal))
     # Where the lenses are from, and how well the views agree.
     if scene.calibration is None:
         lenses = "no calibration is named: lenses without distortion, focal lengths guessed from the images' sizes"
@@ -124,12 +125,6 @@ def _lines(scene: Scene, cameras: SolvedCameras, height: float, output: Path, pi
     step = next_step("calib", "refine", scene.path, "--height", f"{height:g}", "-o", refined)
     lines.append(f"next: set calibration = {named} under [cameras], then {step}")
     return lines
-
-
-def _tilt(cameras: SolvedCameras, k: int) -> float:
-    import numpy as np
-
-    return float(np.degrees(np.arcsin(-cameras.rig.R[k, 2] @ cameras.rig.up_vector)))
 
 
 @app.command(help=COMMANDS["calib convert"]["help"], sort_key=0)

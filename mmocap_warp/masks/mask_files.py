@@ -111,26 +111,23 @@ def list_tar(path: Path) -> list[TarMember]:
     Raises:
         InputError: not such an archive, or one that holds links, devices, or paths that lead out of it.
     """
-    members = []
-    try:
-        with tarfile.open(path, "r:") as archive:
-            for member in archive:
-                name = PurePosixPath(member.name)
-                if name.is_absolute() or ".." in name.parts:
-                    raise InputError(path, f"holds a path that leads out of it ({member.name!r})", "make it anew")
-                if len(member.name) > _MAX_PATH:
-                    raise InputError(path, f"holds a path of {len(member.name)} characters", "shorten its files' names")
-                if member.size >= 0 and (member.isdir() or name.name.startswith(".")):
-                    continue
-                if not member.isreg() or member.issparse() or not 0 <= member.size <= MAX_BYTES:
-                    raise InputError(path, f"'{member.name}' is no plain image file", "put only image files there")
-                members.append(TarMember(member.name, member.offset_data, member.size))
-    except InputError:
-        raise
-    except (tarfile.TarError, OSError, ValueError, OverflowError) as error:
-        raise InputError(path, f"cannot be read as a tar archive ({error})", "make it anew, uncompressed") from None
-    except MemoryError:
-        raise InputError(path, "has a header that is larger than the memory", "make it anew, uncompressed") from None
+    members, kinds = [], (tarfile.TarError, OSError, ValueError, OverflowError)
+    with (
+        input_errors(path, "has a header that is larger than the memory", "make it anew, uncompressed", MemoryError),
+        input_errors(path, "cannot be read as a tar archive ({error})", "make it anew, uncompressed", *kinds),
+        tarfile.open(path, "r:") as archive,
+    ):
+        for member in archive:
+            name = PurePosixPath(member.name)
+            if name.is_absolute() or ".." in name.parts:
+                raise InputError(path, f"holds a path that leads out of it ({member.name!r})", "make it anew")
+            if len(member.name) > _MAX_PATH:
+                raise InputError(path, f"holds a path of {len(member.name)} characters", "shorten its files' names")
+            if member.size >= 0 and (member.isdir() or name.name.startswith(".")):
+                continue
+            if not member.isreg() or member.issparse() or not 0 <= member.size <= MAX_BYTES:
+                raise InputError(path, f"'{member.name}' is no plain image file", "put only image files there")
+            members.append(TarMember(member.name, member.offset_data, member.size))
     return members
 
 

@@ -8,6 +8,7 @@ May import: every other room.
 import errno
 import gc
 import os
+import platform
 import signal
 import sys
 import threading
@@ -207,8 +208,6 @@ def _fail(message: str, code: int) -> int:
 
 
 def _version() -> str:
-    import platform
-
     from mmocap_warp.versions import package_versions
 
     lines = [f"{name} {version}" for name, version in package_versions().items()]

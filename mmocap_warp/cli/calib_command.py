@@ -10,6 +10,7 @@ from cyclopts import App, Parameter
 from mmocap_warp.cli import COMMANDS
 from mmocap_warp.cli.command import ANY_NUMBER, BY_FLAG, BY_PLACE, Answer, Given, command
 from mmocap_warp.cli.console import CHECK_FAILED, next_step, table
+from mmocap_warp.formats.toml_table import quoted_path
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.solve.solution import SolvedCameras
@@ -83,8 +84,6 @@ def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | 
 
 def _lines(scene: Scene, cameras: SolvedCameras, values: dict[str, Any], height: float) -> list[str]:
     import numpy as np
-
-    from mmocap_warp.formats.toml_table import quoted_path
 
     output, picture = values["calibration"], values["picture"]
     # A row for each camera.

@@ -12,6 +12,7 @@ import numpy as np
 from mmocap_warp.body.joint_sets import RIG
 from mmocap_warp.body.joint_sets import joint_set as set_named
 from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import joint_positions, skin_positions
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.result import CONFIGURED_LENGTHS
 
@@ -164,8 +165,6 @@ class Result:
         Raises:
             InputError: no such set, or one that is not for this body.
         """
-        from mmocap_warp.body.posing import joint_positions  # Warp, which reading a result does not need
-
         if joint_set != RIG:
             return set_named(joint_set, self.subject.body).of_runs(self.subject, self.pose)
         centres = joint_positions(self.subject, self.pose.reshape(-1, self.pose.shape[2]))
@@ -186,8 +185,6 @@ class Result:
         Raises:
             IndexError: no such run or frame.
         """
-        from mmocap_warp.body.posing import skin_positions
-
         pose = self.pose[self.best_run if run is None else run]
         chosen = pose if frames is None else pose[np.asarray(frames, int)]
         return skin_positions(self.subject, chosen, np.arange(len(self.subject.body.skin.rest)))

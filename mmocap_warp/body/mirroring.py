@@ -26,10 +26,8 @@ def mirrored_joints(body: BodyModel) -> dict[str, tuple[int, ...]]:
     rest = body.joint_rest.astype(np.float64) - body.joint_rest[0]
     near = _JOINT_TOLERANCE * np.ptp(rest, axis=0).max()
     for left, joint in enumerate(skeleton.joints):
-        for other in _other_side(joint):
-            if other not in skeleton.joints:
-                continue
-            right = skeleton.joints.index(other)
+        others = [skeleton.joints.index(name) for name in _other_side(joint) if name in skeleton.joints]
+        for right in others:
             apart = np.linalg.norm(rest[left] * _MIRROR - rest[right])
             if left not in mirrored and right not in mirrored and apart <= near:
                 mirrored |= dict.fromkeys((left, right), (left, right))

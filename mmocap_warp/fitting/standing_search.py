@@ -59,12 +59,11 @@ def subject_hull(body: BodyModel, frame: FirstFrame) -> np.ndarray:
         NoSubjectError: fewer than two views see the subject, or they see different things.
     """
     spacing = _VOXEL * body.relative_size
-    hull = visual_hull(frame.rig, frame.observation, spacing=spacing)
-    if len(hull) < _LEAST_POINTS:
-        hull = visual_hull(frame.rig, frame.observation, spacing=spacing, tolerate=1)
-    if len(hull) < _LEAST_POINTS:
-        raise NoSubjectError("no point in space lies in the silhouettes of two or more cameras")
-    return hull
+    for tolerate in (0, 1):
+        hull = visual_hull(frame.rig, frame.observation, spacing=spacing, tolerate=tolerate)
+        if len(hull) >= _LEAST_POINTS:
+            return hull
+    raise NoSubjectError("no point in space lies in the silhouettes of two or more cameras")
 
 
 def standing_start(space: ShapeSpace, frame: FirstFrame, *, scaled: bool = True) -> np.ndarray:

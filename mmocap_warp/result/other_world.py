@@ -35,8 +35,7 @@ def other_world(tracked: np.ndarray, known: np.ndarray) -> dict[str, Any] | None
     far = _mean_distance(x, y)
     if far < _FAR or np.linalg.norm(x.mean(axis=0) - y.mean(axis=0)) < _ELSEWHERE:
         return None
-    turns = {axes: axes_turn(axes) for axes in _AXES}
-    error, axes = min((_mean_distance(x, y @ turn.T), axes) for axes, turn in turns.items())
+    error, axes = min((_mean_distance(x, y @ axes_turn(axes).T), axes) for axes in _AXES)
     scale, turn, shift = _similarity(y, x)
     fitted = _mean_distance(x, scale * y @ turn.T + shift)
     by_axes = error <= _NEAR

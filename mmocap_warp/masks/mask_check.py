@@ -129,7 +129,10 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
         hull = _hull_of(hit, possible, others)
         if hull.any():
             covered[k] = possible[k, hull].mean()  # what lies outside of its image, a view cannot lack
-        explained[k] = _explained_of(rig, masks, k, others, subject)
+        pixels = np.argwhere(masks[k])[:, ::-1]
+        some = pixels[:: max(1, len(pixels) // _COMPARED_PIXELS)]
+        depth = float((rig.R[k] @ subject + rig.t[k])[2])
+        explained[k] = explained_share(rig, masks, k, others, some, depth)
     return explained, covered, float(_hull_of(hit, possible, seen).sum() * (unit * _SPACING) ** 3)
 
 
@@ -159,14 +162,6 @@ def _hull_of(hit: np.ndarray, possible: np.ndarray, views: list[int]) -> np.ndar
     """(voxel,) bool: the hull of some views; two must see a voxel, and none may see background there."""
     enough = hit[views].sum(axis=0) >= min(2, len(views))
     return possible[views].all(axis=0) & enough
-
-
-def _explained_of(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> float:
-    """The explained share of camera ``k``'s mask, by some of its pixels."""
-    row, column = np.nonzero(masks[k])
-    some = slice(None, None, max(1, len(row) // _COMPARED_PIXELS))
-    depth = float((rig.R[k] @ subject + rig.t[k])[2])
-    return explained_share(rig, masks, k, others, np.stack([column[some], row[some]], axis=1), depth)
 
 
 def _median(values: np.ndarray) -> float:

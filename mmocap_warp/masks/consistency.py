@@ -133,8 +133,7 @@ class _Views:
 
     def _thickness(self, k: int, where: np.ndarray, masks: list[np.ndarray], **votes: int) -> np.ndarray:
         """As :func:`hull_thickness`, with its ``least`` and ``tolerate`` as ``votes``."""
-        row, column = np.nonzero(where)
-        others, pixels = [j for j in self._seen if j != k], np.stack([column, row], axis=1)
+        others, pixels = [j for j in self._seen if j != k], np.argwhere(where)[:, ::-1]
         return hull_thickness(self._rig, masks, k, others, pixels, float(self._depth[k]), **votes)
 
     def _grown(self, k: int, mask: np.ndarray) -> np.ndarray:

@@ -25,6 +25,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.scene.camera_tables import write_timing
 from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.scenes import ROOT
 
 FPS, FRAMES = 60.0, 150
 LAGS = {"left": 0, "front": 4, "right": -7}
@@ -179,6 +180,12 @@ def test_one_camera_and_empty_masks_are_one_clear_line(unsynchronised: Path) -> 
             write_png(file, np.zeros((160, 120), bool))
     with pytest.raises(InputError, match="somebody in fewer than two frames"):
         synchronise(load_scene(unsynchronised, calibrated=False))
+
+
+@pytest.mark.parametrize("frames", [2, 5, 12])
+def test_a_few_frames_decide_nothing_and_are_no_error(frames: int) -> None:
+    report = synchronise(load_scene(ROOT / "walk", str(frames)))
+    assert not any(view.sure for view in report.views.values())
 
 
 def test_all_pairs_outvote_a_period() -> None:

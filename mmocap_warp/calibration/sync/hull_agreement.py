@@ -56,6 +56,7 @@ _ROUNDS = 10  # rounds of a search, at most
 _FAR = Sampling(frames=30, points=8_000, starts=12)
 _NEAR = Sampling(frames=120, points=25_000, starts=3)
 _NEAR_REACH = 6  # frames to either side in the second search
+_LEAST_FRAMES = 4  # of a recording for a lag of one frame to either side
 _MAX_FAR_SPREAD = 2  # frames between the ends of far starts, where hulls determine the offsets alone
 _STRETCHES, _MIN_STRETCH = 6, 15  # stretches of a recording, and frames judged in one at least
 
@@ -77,19 +78,22 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndar
     are undistorted pinholes, as the masks.
 
     Returns:
-        None where there is no frame in which all views see somebody, or where hulls fit about as well elsewhere.
+        None where there is no frame in which all views see somebody, where hulls fit about as well elsewhere, or where
+        a recording is too short for any lag.
     """
-    # A coarse search where offsets are not known, and a fine one about its result.
     length, offsets = min(len(view) for view in views), about
+    if length < _LEAST_FRAMES:
+        return None
+    # A coarse search where offsets are not known, and a fine one about its result.
     for most, sampling in ([(reach, _FAR)] if reach else []) + [(_NEAR_REACH, _NEAR)]:
-        hulls = HullAgreement(rig, views, offsets, min(most, length // 4), sampling)
+        hulls = HullAgreement(rig, views, offsets, min(most, length // _LEAST_FRAMES), sampling)
         if not hulls.judged:
             return None
         offsets, spread = hulls.offsets()
         if sampling is _FAR and spread > _MAX_FAR_SPREAD:
             return None
     # The lags of each view in stretches of the recording.
-    stretches = min(_STRETCHES, hulls.judged // _MIN_STRETCH)
+    stretches = max(1, min(_STRETCHES, hulls.judged // _MIN_STRETCH))
     courses = [hulls.course(view, offsets, stretches) for view in range(len(views))]
     if stretches < MIN_STRETCHES:
         return HullOffsets(offsets, spread, courses, float("inf"))
@@ -139,7 +143,7 @@ class HullAgreement:
     def course(self, view: int, offsets: np.ndarray, stretches: int) -> LagCourse:
         """The course of a view's lag beyond its offset, from its best lags in stretches of the recording."""
         shares = self._shares(view, offsets)
-        parts = np.array_split(np.arange(self.judged), min(stretches, max(1, self.judged)))
+        parts = np.array_split(np.arange(self.judged), min(stretches, self.judged))
         lags = self._about[view] - self._reach + np.array([peak(_smooth_mean(shares[part])) for part in parts])
         return lag_course(np.array([self._frame[part].mean() for part in parts]), lags - offsets[view])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -35,3 +36,19 @@ def test_masks_of_different_sizes_unpack_unchanged() -> None:
 def test_observation_counts_foreground() -> None:
     observation = Observation.from_masks([np.eye(4, dtype=bool), np.zeros((2, 6), bool)])
     np.testing.assert_array_equal(observation.foreground, [4, 0])
+
+
+def test_what_is_near_hides_as_a_dilation_says() -> None:
+    rng, hides, square = np.random.default_rng(0), [], np.ones((17, 17), np.uint8)
+    for _ in range(100):
+        mask, other = np.zeros((2, 61, 83), bool)
+        for drawn in (mask, other):
+            top, left, height, width = rng.integers([0, 0, 1, 1], [30, 40, 7, 9])
+            drawn[top : top + height, left : left + width] = True
+        near = (cv2.dilate(mask.view(np.uint8), square).view(bool) & other).any()
+        hidden = Observation.from_masks([mask], None, [other]).unpacked_hidden(np.array([[83, 61]]))
+        hides.append(hidden is not None)
+        assert hides[-1] == near
+        if hidden is not None:
+            np.testing.assert_array_equal(hidden[0], other & ~mask)
+    assert 10 < sum(hides) < 90

@@ -1,6 +1,7 @@
-"""Measure live tracking: ``python instruments/live_delay.py SECONDS [FPS]``, from masks in memory to packets received.
+"""Measure live tracking: ``python instruments/live_delay.py SECONDS [FPS [PEOPLE]]``, from masks to packets received.
 
-The walker of the built-in scene goes to and fro before its five cameras of 640x480. Another process listens by ZMQ.
+The walker of the built-in scene goes to and fro before its five cameras of 640x480, or several before seven. Masks are
+in memory, and another process listens by ZMQ.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ import multiprocessing
 import sys
 import time
 from collections.abc import Generator
-from contextlib import closing
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +23,20 @@ from walk_scene import walking
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.commands.caller import start_warp
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.streaming.arrivals import Arrival, newest
 from mmocap_warp.streaming.senders import Packet, open_sender
-from mmocap_warp.tracking.live import LiveTracker
+from mmocap_warp.synthesis.footage.made_recording import placed_camera
+from mmocap_warp.tracking.live import LiveFrame, LiveTracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
 ADDRESS = "tcp://127.0.0.1:5557"
 PERIOD = 4.0  # of the walk to and fro [s]
+CIRCLE = 1.3  # radius of that on which several people stand [m]
+KEPT = 1000  # frames whose times are remembered until they are smoothed
 
 
 def listen(told: Any) -> None:
@@ -50,48 +58,118 @@ def memory() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) >> 8
 
 
-def main(seconds: float, fps: float) -> None:
-    """Measure, and print."""
-    start_warp()
+@dataclass(frozen=True)
+class Person:
+    """One who is filmed."""
+
+    name: str
+    subject: Subject
+    masks: list[list[np.ndarray]]  # per frame and camera (height, width) bool
+    hidden: list[list[np.ndarray] | None]  # what may be in front, or None
+
+
+def walkers(count: int, fps: float) -> tuple[list[Person], CameraRig]:
+    """People who walk to and fro as in the built-in scene, and the cameras.
+
+    One is before its five cameras. Several stand on a circle, amid seven; who is nearer to a camera hides the others.
+    """
     made = walking()
-    rig, poser, count = made.rig.undistorted(), Poser(made.body, made.root_base), round(PERIOD * fps)
-    share = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count)  # it stands still at both ends
+    rig, poser, frames = made.rig.undistorted(), Poser(made.body, made.root_base), round(PERIOD * fps)
+    share = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(frames) / frames)  # they stand still at both ends
     number = share * (len(made.poses) - 1)
     poses = np.stack([np.interp(number, np.arange(len(made.poses)), each) for each in made.poses.T], axis=1)
     face = made.body.skin.face
     triangles = np.concatenate([face[:, [0, k, k + 1]] for k in range(1, face.shape[1] - 1)])
-    masks = [silhouettes(rig, poser.vertices(pose)[0], triangles) for pose in poses]
-    subject = Subject(made.body, made.root_base, poses[0], {})
+    if count == 1:
+        masks = [silhouettes(rig, poser.vertices(pose)[0], triangles) for pose in poses]
+        return [Person("", Subject(made.body, made.root_base, poses[0], {}), masks, [None] * frames)], rig
+    rig, bearing = ring(), 2 * np.pi * np.arange(count) / count
+    places = CIRCLE * np.stack([np.cos(bearing), np.sin(bearing), np.zeros(count)], axis=1)
+    skins = [poser.vertices(pose)[0] + places[:, None] for pose in poses[: frames // 2 + 1]]  # then they go back
+    with multiprocessing.get_context("spawn").Pool() as pool:
+        one_way = pool.map(partial(seen_and_hidden, rig, triangles), skins)
+    people = []
+    for n, place in enumerate(places):
+        start = np.concatenate([poses[0, :3] + place, poses[0, 3:]])
+        seen, hidden = zip(*(each[n] for each in [*one_way, *one_way[-2:0:-1]]), strict=True)
+        people.append(Person(f"person{n + 1}", Subject(made.body, made.root_base, start, {}), [*seen], [*hidden]))
+    return people, rig
+
+
+def seen_and_hidden(rig: CameraRig, triangles: np.ndarray, skins: np.ndarray) -> list[tuple[Any, Any]]:
+    """Of skins (person, vertex, 3), each one's masks, and those of the others, per camera (height, width) bool."""
+    alone = [silhouettes(rig, skin, triangles) for skin in skins]
+    depth = np.einsum("ki,ni->kn", rig.R[:, 2], skins.mean(axis=1))  # (camera, person), but for a constant
+    count, views, people = len(skins), range(len(rig)), []
+    for n in range(count):
+        nearer = [
+            [np.zeros_like(alone[n][k]), *(alone[j][k] for j in range(count) if depth[k, j] < depth[k, n])]
+            for k in views
+        ]
+        seen = [alone[n][k] & ~np.any(nearer[k], axis=0) for k in views]
+        others = [np.any([alone[j][k] for j in range(count) if j != n], axis=0) & ~seen[k] for k in views]
+        people.append((seen, others))
+    return people
+
+
+def ring() -> CameraRig:
+    """Seven cameras around several people."""
+    placed = [placed_camera(360 / 7 * k, 5.5, 1.2 + 0.2 * k, 0.9, 0.0, 650.0, (0.0, 0.0), (640, 480)) for k in range(7)]
+    K, R, t = (np.array(column) for column in zip(*placed, strict=True))
+    return CameraRig(tuple("abcdefg"), K, R, t, np.tile((640, 480), (7, 1)), np.zeros((7, 5)), "+z").undistorted()
+
+
+def main(seconds: float, fps: float, count: int) -> None:
+    """Measure, and print."""
+    start_warp()
+    people, rig = walkers(count, fps)
 
     def source() -> Generator[Arrival, None, None]:
         begin = 0.0
         for n in range(round(seconds * fps)):
             begin = time.monotonic() - n / fps if n <= 1 else begin  # the clock starts once the first frame is done
             time.sleep(max(0.0, begin + n / fps - time.monotonic()))
-            yield Arrival(n, time.time(), masks[n % count])
+            seen, frame = time.time(), n % len(people[0].masks)
+            yield Arrival(n, seen, [Observation.from_masks(p.masks[frame], None, p.hidden[frame]) for p in people])
 
     context = multiprocessing.get_context("spawn")
     told = context.Queue()
     context.Process(target=listen, args=(told,), daemon=True).start()
     times: dict[int, float] = {}
-    last, dropped, before = 0, 0, 0
-    with (
-        closing(open_sender(ADDRESS, subject, rig, fps)) as sender,
-        closing(LiveTracker(subject, rig, fps, TrackConfig())) as tracker,
-    ):
+    last, dropped, before, lost = 0, 0, 0, 0
+    subjects = {person.name: person.subject for person in people}
+    with ExitStack() as stack:
+        sender = stack.enter_context(closing(open_sender(ADDRESS, subjects, rig, fps)))
+        trackers = [
+            stack.enter_context(closing(LiveTracker(each.subject, rig, fps, TrackConfig(), each.hidden[0] is not None)))
+            for each in people
+        ]
+        tracked = list(zip(people, trackers, strict=True))
+
+        def send(frame: LiveFrame, person: Person, smooth: bool) -> None:
+            seen = times.get(frame.number, arrival.time)
+            sender.send(Packet(frame, person.subject, seen, smooth, dropped, person.name))
+
         gc.freeze()
         for arrival in newest(source()):
             dropped += max(0, arrival.number - last - 1)
             last, times[arrival.number] = arrival.number, arrival.time
-            sender.send(Packet(tracker.step(arrival.number, arrival.masks), subject, arrival.time, False, dropped))
-            for frame in tracker.smoothed():
-                sender.send(Packet(frame, subject, times.pop(frame.number, arrival.time), True, dropped))
+            for (person, tracker), seen in zip(tracked, arrival.seen, strict=True):
+                frame = tracker.step(arrival.number, seen)
+                lost += frame.status[0] == "lost"
+                send(frame, person, False)
+            for person, tracker in tracked:
+                for frame in tracker.smoothed():
+                    send(frame, person, True)
             before = before or memory()
+            times.pop(arrival.number - KEPT, None)
         after = memory()
-        for frame in tracker.rest():
-            sender.send(Packet(frame, subject, times.pop(frame.number, time.time()), True, dropped))
+        for person, tracker in tracked:
+            for frame in tracker.rest():
+                send(frame, person, True)
         late = told.get()
-    print(f"{last + 1} frames at {fps:g} a second, {dropped} dropped; memory {before} MB at first, {after} in the end")
+    who = f"{len(people)} people, {len(rig)} cameras: {last + 1} frames at {fps:g} a second"
+    print(f"{who}, {dropped} dropped, {lost} answers lost; memory {before} MB at first, {after} in the end")
     for smooth, name in enumerate(("at once", "smoothed")):
         delays = 1000 * np.array(late[bool(smooth)])
         half, most, nearly_all, all_of_them = np.percentile(delays, [50, 90, 99, 100])
@@ -100,4 +178,5 @@ def main(seconds: float, fps: float) -> None:
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 30.0)
+    values = dict(enumerate(sys.argv[1:]))
+    main(float(values[0]), float(values.get(1, 30)), int(values.get(2, 1)))

@@ -4,23 +4,26 @@ import gc
 import math
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.commands.caller import Reporter, arguments_checked, describe, effective, start_warp
 from mmocap_warp.commands.inputs import Frames, scene_from
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.commands.track import fit
+from mmocap_warp.commands.track_people import everybody, file_of
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
+from mmocap_warp.formats.usd.usd_people import write_people
+from mmocap_warp.formats.usd.usd_result import read_result
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
@@ -31,7 +34,6 @@ from mmocap_warp.tracking.live import LiveFrame, LiveTracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _DELAYS = 10_000  # frames whose delays are reported: the last ones
-_About = tuple[Subject, CameraRig, float]  # who is tracked, the cameras, and frames a second
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class LiveReport:
     Attributes:
         frames: that were tracked.
         dropped: that were left out, because a frame before took too long or they never came.
-        lost: of those tracked, how many were lost at once.
+        lost: of those tracked, in how many somebody was lost at once.
         delay_ms: median, 99th percentile and most of the time from a frame's being seen to its packet being sent [ms],
             of the last 10,000 frames; NaN where there was none.
     """
@@ -62,6 +64,7 @@ def live(
     to: tuple[str, ...] = (),
     record: str | Path | None = None,
     frames: Frames = None,
+    person: str | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
     **settings: Any,
@@ -78,8 +81,9 @@ def live(
         to: who listens: tcp://HOST:PORT (ZMQ), ws://HOST:PORT (WebSocket, and a page to look at), vmc://HOST:PORT or
             vmc://HOST:PORT?smooth (VMC by OSC), lsl://NAME (LSL).
         record: a result's file that is written as it goes: .usdc, .usda or .usd. If a session is killed, the next one
-            with the same file makes a result of its frames first.
+            with the same file makes a result of its frames first. Of several people each has an own file beside it.
         frames: which of the recording's frames. [default: those that the scene names]
+        person: who is meant of the scene's people, by name, or all. [default: the scene's, or all]
         force: replace a result that exists.
         reporter: receives notes.
         settings: fields of :class:`TrackConfig` that replace those of ``config``.
@@ -89,70 +93,127 @@ def live(
         InputError: anything wrong with the scene, the subject, the source or an address; or a package is missing.
     """
     reporter = reporter or Reporter()
-    file = None if record is None else new_file(record, *USD_SUFFIXES, force=True)
-    if file is not None:
-        if finish(file):
-            reporter.note(f"{file}: holds the frames of a session that was killed")
-        new_file(file, file.suffix, force=force)
     loaded = load_scene(scene, live=True) if source and not isinstance(scene, Scene) else scene_from(scene, frames)
+    scenes = _scenes(loaded, person)
+    if subject is not None and len(scenes) > 1:
+        raise UsageError("--subject is of one person: name each one's in the scene, or choose one by --person")
     chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
     if chosen.runs != 1:
         raise UsageError(f"--runs must be 1 to track live, got {chosen.runs}")
+    files = _files(None if record is None else Path(record), [*scenes], force, reporter)
     start_warp(chosen.device)
-    known = _subject(loaded, subject, bool(source), chosen, reporter)
+    rig, rate = loaded.rig(chosen.scale), loaded.fps if source else loaded.rate
+    subjects = {name: _subject(each, subject, bool(source), chosen, reporter) for name, each in scenes.items()}
     reporter.note(f"live: {describe(chosen, loaded.track, settings)}")
 
-    about = known, loaded.rig(chosen.scale), loaded.fps if source else loaded.rate
     with ExitStack() as stack:
-        listeners = [stack.enter_context(closing(open_sender(address, *about))) for address in to]
-        if file is not None:
-            listeners.append(stack.enter_context(closing(GrowingResult(file, *about, chosen))))
-        with arguments_checked():
-            tracker = stack.enter_context(closing(LiveTracker(*about, chosen)))
-        coming = stack.enter_context(closing(newest(arrivals(loaded, chosen.scale, source))))
+        listeners = [stack.enter_context(closing(open_sender(address, subjects, rig, rate))) for address in to]
+        people = []
+        for name, known in subjects.items():
+            about, hears = (known, rig, rate), list(listeners)
+            if files:
+                hears.append(stack.enter_context(closing(GrowingResult(files[name], *about, chosen))))
+            with arguments_checked():
+                tracker = LiveTracker(*about, chosen, hidden=scenes[name].has_others)
+            people.append(_Person(name, known, stack.enter_context(closing(tracker)), 1 / rate, hears))
+        coming = stack.enter_context(closing(newest(arrivals([*scenes.values()], chosen.scale, source))))
         gc.collect()
         stack.callback(gc.unfreeze)
         gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
-        return _track(tracker, coming, listeners, about, reporter)
+        report = _track(people, coming, rig.names, reporter)
+    if record is not None:
+        _write_all(Path(record), files)
+    return report
 
 
-def _track(
-    tracker: LiveTracker, coming: Iterator[Arrival], listeners: list[Any], about: _About, reporter: Reporter
-) -> LiveReport:
-    """Track what is coming, and send it to listeners."""
-    (subject, rig, rate), report, seen, last, silent = about, LiveReport(), 0.0, None, set[str]()
-    times: dict[int, float] = {}  # of the frames that are not smoothed yet
-    delays = deque[float](maxlen=_DELAYS)
-    nothing = [np.zeros((height, width), bool) for width, height in rig.size]
+def _scenes(scene: Scene, person: str | None) -> dict[str, Scene]:
+    """The scene as each who is tracked in it sees it, by name; of no name where the scene names nobody."""
+    if scene.of_several:
+        remedy = "let masks give each person a label, or track the recording with mmocap track"
+        raise InputError(scene.path, "[labels] several: who is one blob with others cannot be told apart live", remedy)
+    if names := everybody(scene, person):
+        return {name: scene.of_person(name) for name in names}
+    one = scene_from(scene, person=person)
+    return {one.person: one}
 
-    def tell(frame: LiveFrame, smooth: bool) -> None:
-        nonlocal seen
-        if smooth:  # a frame that was dropped came after the one before it
-            seen = times.pop(frame.number, seen + 1 / rate)
-        packet = Packet(frame, subject, seen if smooth else times[frame.number], smooth, report.dropped)
-        for each in listeners:
+
+def _files(record: Path | None, names: list[str], force: bool, reporter: Reporter) -> dict[str, Path]:
+    """The file that is written of each person; a file that a killed session left is made whole before."""
+    if record is None:
+        return {}
+    files = {name: record if len(names) == 1 else file_of(record, name) for name in names}
+    written = list(dict.fromkeys([record, *files.values()]))
+    for file in written:
+        new_file(file, *USD_SUFFIXES, force=True)
+    if killed := [file for file in files.values() if finish(file)]:
+        _write_all(record, files)
+    for file in killed:
+        reporter.note(f"{file}: holds the frames of a session that was killed")
+    for file in written:
+        new_file(file, *USD_SUFFIXES, force=force)
+    return files
+
+
+def _write_all(record: Path, files: dict[str, Path]) -> None:
+    """Write the file that refers to several people's own; one person's file is the record itself."""
+    results = {name: (file, read_result(file)) for name, file in files.items() if file.exists()}
+    if len(files) > 1 and results:
+        write_people(record, results)
+
+
+@dataclass
+class _Person:
+    """One who is tracked, and who hears of it."""
+
+    name: str
+    subject: Subject
+    tracker: LiveTracker
+    period: float  # of the frames [s]
+    listeners: list[Any]
+    times: dict[int, float] = field(default_factory=dict)  # of the frames that are not smoothed yet
+    last_time: float = 0.0  # of the frame that was smoothed last
+
+    def step(self, number: int, time: float, seen: Observation, dropped: int) -> LiveFrame:
+        """Track a frame, and say at once what was found."""
+        self.times[number] = time
+        frame = self.tracker.step(number, seen)
+        self._send(Packet(frame, self.subject, time, False, dropped, self.name))
+        return frame
+
+    def smoothed(self, frames: Iterable[LiveFrame], dropped: int) -> None:
+        """Say what was found of frames by those around them."""
+        for frame in frames:  # one that was dropped came after the one before it
+            self.last_time = self.times.pop(frame.number, self.last_time + self.period)
+            self._send(Packet(frame, self.subject, self.last_time, True, dropped, self.name))
+
+    def _send(self, packet: Packet) -> None:
+        for each in self.listeners:
             each.send(packet)
 
+
+def _track(people: list[_Person], coming: Iterator[Arrival], cameras: Sequence[str], reporter: Reporter) -> LiveReport:
+    """Track what is coming."""
+    report, last, silent = LiveReport(), None, set[str]()
+    delays = deque[float](maxlen=_DELAYS)
     try:
         for arrival in coming:
-            now_silent = {rig.names[k] for k, mask in enumerate(arrival.masks) if mask is None}
+            now_silent = {cameras[k] for k in arrival.silent}
             for name in sorted(now_silent ^ silent):
                 what = "sends nothing, and is lost" if name in now_silent else "is back"
                 reporter.note(f"live: frame {arrival.number}: camera {name} {what}")
-            masks = [empty if mask is None else mask for mask, empty in zip(arrival.masks, nothing, strict=True)]
-            gap = 0 if last is None else arrival.number - last - 1
-            times[arrival.number], last, silent = arrival.time, arrival.number, now_silent
-            frame = tracker.step(arrival.number, masks)
-            lost = report.lost + (frame.status[0] == "lost")
-            report = LiveReport(report.frames + 1, report.dropped + gap, lost)
-            tell(frame, False)
+            dropped = report.dropped + (0 if last is None else arrival.number - last - 1)
+            last, silent = arrival.number, now_silent
+            told = zip(people, arrival.seen, strict=True)
+            found = [each.step(arrival.number, arrival.time, seen, dropped) for each, seen in told]
+            lost = any(frame.status[0] == "lost" for frame in found)
+            report = LiveReport(report.frames + 1, dropped, report.lost + lost)
             delays.append(1000 * (time.time() - arrival.time))
-            for each in tracker.smoothed():
-                tell(each, True)
+            for each in people:
+                each.smoothed(each.tracker.smoothed(), dropped)
     except KeyboardInterrupt:  # as most sessions end
         reporter.note("live: stopped")
-    for each in tracker.rest():
-        tell(each, True)
+    for each in people:
+        each.smoothed(each.tracker.rest(), report.dropped)
     median, late, most = np.percentile(delays or [np.nan], [50, 99, 100]).tolist()
     return replace(report, delay_ms=(median, late, most))
 

@@ -19,7 +19,7 @@ from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.whole_file import file_name, write_whole
 
-TINTS = ((31, 210, 255), (80, 200, 60), (230, 120, 200), (220, 200, 40))  # BGR, of people in turn
+TINTS = ((31, 210, 255), (80, 200, 60), (230, 120, 200), (220, 200, 40), (90, 120, 255))  # BGR, of people in turn
 _ADDED, _TAKEN = np.array([255, 90, 0], np.uint8), np.array([40, 40, 255], np.uint8)  # BGR: blue, red
 _VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
 

@@ -22,6 +22,7 @@ from mmocap_warp.masks.cleanup import clean_mask
 from mmocap_warp.masks.frames import decode_image, natural_order, read_file
 from mmocap_warp.masks.mask_files import decode_mask_image
 from mmocap_warp.masks.mask_settings import BACKGROUNDS
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.visual_hull import repair_masks
 from mmocap_warp.scene.recording import Scene
 
@@ -36,37 +37,38 @@ class Arrival(NamedTuple):
 
     number: int  # of the frame; a gap says that frames were dropped
     time: float  # when it was seen, in seconds since 1970
-    masks: Sequence[np.ndarray | None]  # (height, width) bool of each camera; None where a camera sent nothing
+    seen: Sequence[Observation]  # of each person; a camera that sent nothing sees nobody
+    silent: Sequence[int] = ()  # the cameras that sent nothing
 
 
 Arrivals = Generator[Arrival, None, None]
 
 
-def arrivals(scene: Scene, scale: float, addresses: Sequence[str]) -> Arrivals:
+def arrivals(scenes: Sequence[Scene], scale: float, addresses: Sequence[str]) -> Arrivals:
     """The frames of a scene as they come.
 
     Args:
-        scene: whose settings say how masks are made.
+        scenes: of each person who is tracked, the scene as :meth:`Scene.of_person` gives it: how masks are made.
         scale: of the masks.
         addresses: none for the scene's own files; a folder; a ZMQ address; or what OpenCV opens, for each camera.
 
     Raises:
         InputError: the number of addresses is wrong, a package is missing, or what comes is no image of these cameras.
     """
-    names = scene.calibrated.names
+    scene, names = scenes[0], scenes[0].calibrated.names
     if not addresses:
-        return _own_files(scene, scale)
+        return _own_files(scenes, scale)
     if scene.foreground.source not in ("masks", *BACKGROUNDS):
         remedy = f"set it to one of {', '.join(BACKGROUNDS)}, or to masks where masks come"
         raise InputError(scene.path, f"[foreground] source = {scene.foreground.source} cannot be live", remedy)
     if len(addresses) == 1 and addresses[0].startswith(("tcp://", "ipc://")):
-        return _messages(scene, scale, addresses[0])
+        return _messages(scenes, scale, addresses[0])
     if len(addresses) == 1 and os.path.isdir(addresses[0]):
-        return _growing(scene, scale, Path(addresses[0]))
+        return _growing(scenes, scale, Path(addresses[0]))
     if len(addresses) != len(names):
         remedy = f"give --source once for each of {', '.join(names)}, in this order"
         raise InputError(addresses[0], f"is one of {len(addresses)} sources for {len(names)} cameras", remedy)
-    return _from_cameras(scene, scale, addresses)
+    return _from_cameras(scenes, scale, addresses)
 
 
 def newest(source: Arrivals) -> Arrivals:
@@ -104,51 +106,73 @@ def newest(source: Arrivals) -> Arrivals:
 
 
 class _MaskMaking:
-    """Masks of images of each camera by a scene's settings, undistorted and cleaned; None remains None."""
+    """What images of each camera show of one person, by a scene's settings, undistorted and cleaned."""
 
     def __init__(self, scene: Scene, scale: float) -> None:
         self._scene, self._scale, self._rig = scene, scale, scene.rig(scale)
         self._make = [scene.mask_maker(k, scale) for k in range(len(scene.cameras))]
-        self._kept = [np.zeros((height, width), bool) for width, height in self._rig.size]
+        hiding = [source.in_front for source in scene.cameras]
+        self._hide = [scene.mask_maker(k, scale, labels) if labels else None for k, labels in enumerate(hiding)]
+        self._nothing = [np.zeros((height, width), bool) for width, height in self._rig.size]
+        self._kept = self._nothing
         self._pool = ThreadPoolExecutor(min(len(self._make), available_threads()))  # OpenCV lets other threads run
 
-    def __call__(self, images: Sequence[Any]) -> list[np.ndarray | None]:
-        masks = list(self._pool.map(self._mask, range(len(self._make)), images))
-        self._kept = [old if new is None else new for old, new in zip(self._kept, masks, strict=True)]
-        repairs = self._scene.foreground.repair and all(mask is not None for mask in masks)
-        return [*repair_masks(self._rig, self._kept)] if repairs else masks
+    def __call__(self, images: Sequence[Any]) -> Observation:
+        """The masks, and what may be in front of the person; nothing of a camera whose image is None."""
+        came = [image is not None for image in images]
+        pairs = self._pool.map(self._view, range(len(self._make)), images)
+        masks, in_front = ([*each] for each in zip(*pairs, strict=True))
+        self._kept = [new if is_new else old for new, old, is_new in zip(masks, self._kept, came, strict=True)]
+        if self._scene.foreground.repair and all(came):
+            masks = repair_masks(self._rig, masks)
+        return Observation.from_masks(masks, None, in_front if self._scene.has_others else None)
 
-    def _mask(self, k: int, image: Any) -> np.ndarray | None:
+    def _view(self, k: int, image: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Camera ``k``'s mask, and what may be in front of the person in it."""
         if image is None:
-            return None
+            return self._nothing[k], self._nothing[k]
         source, (width, height) = self._scene.cameras[k], self._scene.calibrated.size[k]
         as_calibrated = source.mask_mark is None and source.recorded_scale == 1 and not any(source.recorded_offset)
         if as_calibrated and image.shape[:2] != (height, width):
             problem = f"sends {image.shape[1]}x{image.shape[0]}, the calibration says {width}x{height}"
             raise InputError(source.name, problem, "set the camera to that size, or calibrate this one")
-        return clean_mask(self._make[k](image), self._scene.foreground, self._scale, self._kept[k])
+        mask, hide = clean_mask(self._make[k](image), self._scene.foreground, self._scale, self._kept[k]), self._hide[k]
+        return mask, hide(image) if hide else self._nothing[k]
+
+
+class _Seeing:
+    """What images of each camera show of each person."""
+
+    def __init__(self, scenes: Sequence[Scene], scale: float) -> None:
+        self._makers = [_MaskMaking(scene, scale) for scene in scenes]
+        self._decode = decode_mask_image if scenes[0].foreground.source == "masks" else decode_image
+
+    def __call__(self, number: int, seen: float, images: Sequence[Any]) -> Arrival:
+        """A frame that was ``seen`` at a time; an image is None where its camera sent nothing."""
+        silent = [k for k, image in enumerate(images) if image is None]
+        return Arrival(number, seen, [make(images) for make in self._makers], silent)
 
     def decoded(self, data: bytes, origin: object) -> Any:
         """The content of an image file, or of a mask's; None where it is not whole: then the camera sent nothing."""
         with suppress(InputError):
-            return (decode_mask_image if self._scene.foreground.source == "masks" else decode_image)(data, origin)
+            return self._decode(data, origin)
 
 
-def _own_files(scene: Scene, scale: float) -> Arrivals:
+def _own_files(scenes: Sequence[Scene], scale: float) -> Arrivals:
     """The recording at its pace, or as fast as masks are read; the clock starts once the first frame is done."""
     due = 0.0
-    for number, masks in enumerate(scene.masks(scale)):
+    for number, seen in enumerate(zip(*(scene.observations(scale) for scene in scenes), strict=True)):
         time.sleep(max(0.0, due - time.monotonic()))
-        due = max(due, time.monotonic()) + 1.0 / scene.rate if number else 0.0
-        yield Arrival(number, time.time(), masks)
+        due = max(due, time.monotonic()) + 1.0 / scenes[0].rate if number else 0.0
+        yield Arrival(number, time.time(), seen)
 
 
-def _growing(scene: Scene, scale: float, folder: Path) -> Arrivals:
+def _growing(scenes: Sequence[Scene], scale: float, folder: Path) -> Arrivals:
     """Numbered images in a folder for each camera, from the last that is there, without an end.
 
     A frame is there when all cameras have it. Where the next one has come, cameras that lack it sent nothing.
     """
-    make, folders = _MaskMaking(scene, scale), [folder / name for name in scene.calibrated.names]
+    see, folders = _Seeing(scenes, scale), [folder / name for name in scenes[0].calibrated.names]
     if missing := [each for each in folders if not each.is_dir()]:
         raise InputError(missing[0], "no such folder", "make a folder of each camera's name, for its numbered images")
     while not all(there := [[name for name in os.listdir(each) if name[0].isdecimal()] for each in folders]):
@@ -163,12 +187,12 @@ def _growing(scene: Scene, scale: float, folder: Path) -> Arrivals:
     while True:
         while not (all(files(number)) or any(files(number + 1))):
             time.sleep(_POLL)
-        images = [file and make.decoded(read_file(file), file) for file in files(number)]
-        yield Arrival(number, time.time(), make(images))
+        images = [file and see.decoded(read_file(file), file) for file in files(number)]
+        yield see(number, time.time(), images)
         number += 1
 
 
-def _messages(scene: Scene, scale: float, address: str) -> Arrivals:
+def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
     """Frames that a program publishes by ZMQ: ``{"frame": number, "time": seconds}``, then an image of each camera.
 
     An image is an image file's content; an empty one says that the camera sent nothing. ``{"end": true}`` ends.
@@ -177,7 +201,7 @@ def _messages(scene: Scene, scale: float, address: str) -> Arrivals:
         import zmq
     except ImportError:
         raise missing_package(address, "pyzmq", "read", "live", "give a folder that grows") from None
-    make = _MaskMaking(scene, scale)
+    see = _Seeing(scenes, scale)
     with zmq.Context() as context, context.socket(zmq.SUB) as socket:
         socket.subscribe(b"")
         socket.connect(address)
@@ -190,10 +214,11 @@ def _messages(scene: Scene, scale: float, address: str) -> Arrivals:
                 if about.get("end"):
                     return
                 number, seen = int(about["frame"]), float(about["time"])
-                images = [make.decoded(part, address) for part in parts[1:]]
-                yield Arrival(number, seen, make(images))
+                yield see(number, seen, [see.decoded(part, address) for part in parts[1:]])
             except (ValueError, KeyError, TypeError, AttributeError) as error:
-                remedy = f'send {{"frame": number, "time": seconds}} and an image of each of {scene.calibrated.names}'
+                remedy = (
+                    f'send {{"frame": number, "time": seconds}} and an image of each of {scenes[0].calibrated.names}'
+                )
                 raise InputError(address, f"sent what is no frame ({error})", remedy) from None
 
 
@@ -217,9 +242,9 @@ def _camera(address: str, stopped: threading.Event) -> Callable[[float], np.ndar
     return lambda oldest: newest_image[1] if newest_image[0] >= oldest else None
 
 
-def _from_cameras(scene: Scene, scale: float, addresses: Sequence[str]) -> Arrivals:
+def _from_cameras(scenes: Sequence[Scene], scale: float, addresses: Sequence[str]) -> Arrivals:
     """What cameras show at even times, by the scene's frame rate."""
-    make, period, stopped = _MaskMaking(scene, scale), 1.0 / scene.fps, threading.Event()
+    see, period, stopped = _Seeing(scenes, scale), 1.0 / scenes[0].fps, threading.Event()
     cameras = [_camera(address, stopped) for address in addresses]
     try:
         patience = time.monotonic() + _FIRST_IMAGE
@@ -231,7 +256,7 @@ def _from_cameras(scene: Scene, scale: float, addresses: Sequence[str]) -> Arriv
         begin, number = 0.0, 0
         while True:
             oldest = time.monotonic() - _STALE * period
-            yield Arrival(number, time.time(), make([image(oldest) for image in cameras]))
+            yield see(number, time.time(), [image(oldest) for image in cameras])
             begin = begin or time.monotonic()  # the clock starts once the first frame is done
             number = max(number + 1, math.ceil((time.monotonic() - begin) / period))
             time.sleep(max(0.0, begin + number * period - time.monotonic()))

@@ -1,25 +1,26 @@
-// Draws the body as packets come over the WebSocket of the server that this page is from.
+// Draws bodies as packets come over the WebSocket of the server that this page is from.
 const content = JSON.parse(document.getElementById("content").textContent);
 const part = Object.fromEntries([...document.querySelectorAll("[id]")].map((made) => [made.id, made]));
-const { body, cameras, names } = content;
-const joints = new Float32Array(8 * body.joints.length); // as Track.at writes them
+const { people, cameras, names } = content; // only where there are several do people have names and colours
+for (const each of people) each.joints = new Float32Array(8 * each.body.joints.length); // as Track.at writes them
 const pinholes = cameras.map((camera) => Pinhole.of(camera));
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const style = (name) => hex(getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
 let stage = null, orbit = null, asked = false;
-try { stage = new Stage(part.world, body); } catch { part.trouble.hidden = false; }
-const overlaps = names.map((name) => {
-  const row = document.createElement("li");
-  part.overlaps.append(row);
-  return (iou) => { row.textContent = `${name}: ${iou === null ? "nothing seen" : `IoU ${iou.toFixed(3)}`}`; };
-});
+try { stage = new Stage(part.world, ...people.map((each) => each.body)); } catch { part.trouble.hidden = false; }
+const rows = names.map(() => part.overlaps.appendChild(document.createElement("li")));
+const overlap = (iou) => (iou === null ? "nothing seen" : `IoU ${iou.toFixed(3)}`);
+const named = (each, text) => (each.name ? `${each.name} ${text}` : text);
 
 function show(packet) {
   if (packet.smooth !== part.smooth.checked) return;
-  packet.turn.forEach((turn, j) => joints.set([...turn, ...packet.place[j]], 8 * j));
-  packet.iou.forEach((iou, k) => overlaps[k](iou));
-  const age = Math.max(0, Date.now() - 1000 * packet.time);
-  part.told.textContent = `Frame ${packet.frame}, ${packet.status}, ${age.toFixed(0)} ms after it was seen, ${packet.dropped} dropped`;
+  const person = people.find(({ name }) => name === packet.person) ?? people[0];
+  person.packet = packet;
+  packet.turn.forEach((turn, j) => person.joints.set([...turn, ...packet.place[j]], 8 * j));
+  const seen = people.filter((each) => each.packet), age = Math.max(0, Date.now() - 1000 * packet.time);
+  rows.forEach((row, k) => { row.textContent = `${names[k]}: ${seen.map((each) => named(each, overlap(each.packet.iou[k]))).join(", ")}`; });
+  const statuses = seen.map((each) => named(each, each.packet.status)).join(", ");
+  part.told.textContent = `Frame ${packet.frame}, ${statuses}, ${age.toFixed(0)} ms after it was seen, ${packet.dropped} dropped`;
   orbit ??= new Orbit(packet.place[0], 4, content.up, turning(packet.turn[0]).map((row) => row[2]));
   refresh();
 }
@@ -33,14 +34,19 @@ function refresh() {
 function draw() {
   const size = [part.world.clientWidth, part.world.clientHeight].map((s) => Math.max(1, Math.round(s * devicePixelRatio)));
   if (part.world.width !== size[0] || part.world.height !== size[1]) [part.world.width, part.world.height] = size;
-  orbit.target = add(orbit.target, add(placeOf(joints, 0), orbit.target, -1), 0.1); // it follows the body
+  const seen = people.filter((each) => each.packet);
+  const middle = seen.reduce((sum, each) => add(sum, placeOf(each.joints, 0), 1 / seen.length), [0, 0, 0]);
+  orbit.target = add(orbit.target, add(middle, orbit.target, -1), 0.1); // it follows the bodies
   const view = orbit.view(size), soft = style("soft"), grid = style("grid");
   const colours = Object.fromEntries(Object.entries(content.colours).map(([name, both]) => [name, hex(both[Number(dark.matches)])]));
   stage.begin(view, 100, [0, 0], style("plate"));
   stage.drawLines(floor().map((line) => [...line, ...grid, 1, 1.2]), true);
   const towards = add(view.R[2], content.up, -0.6);
-  if (part.mesh.checked) stage.drawSkin(joints, unit(towards.map((v) => -v)), [...colours.model, 1], "fine");
-  if (part.skeleton.checked) stage.drawLines(boneLines(body, joints, colours), false);
+  for (const each of seen) {
+    const { body, joints, colour } = each, own = colour && hex(colour), light = unit(towards.map((v) => -v));
+    if (part.mesh.checked) stage.drawSkin(joints, light, [...(own || colours.model), 1], "fine", people.indexOf(each));
+    if (part.skeleton.checked) stage.drawLines(boneLines(body, joints, own ? { left: own, right: own, middle: own } : colours), false);
+  }
   for (const pinhole of pinholes) {
     const corners = pinhole.corners(0.5), line = (a, b) => [...a, ...b, ...soft, 1, 1.5];
     stage.drawLines(corners.flatMap((corner, i) => [line(pinhole.eye, corner), line(corner, corners[(i + 1) % 4])]), true);

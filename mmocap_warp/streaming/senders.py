@@ -4,10 +4,12 @@ import json
 import queue
 import threading
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
+from itertools import count
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -17,11 +19,13 @@ from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.body.rotations import transposed
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.display.chart import COLOURS, colour_rules
-from mmocap_warp.display.page.page_content import body_content
+from mmocap_warp.display.overlay import Look
+from mmocap_warp.display.page.page_content import body_content, look_content
 from mmocap_warp.display.page.viewer import embedded, filled, resource
 from mmocap_warp.errors import InputError, UsageError, input_errors, missing_package
 from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
 from mmocap_warp.result.excerpt import quarter_turn
+from mmocap_warp.scene.mask_writing import TINTS
 from mmocap_warp.tracking.live import LiveFrame
 
 _HERE = "mmocap_warp.streaming"
@@ -37,6 +41,7 @@ class Packet:
     time: float  # when the frame was seen, in seconds since 1970
     smooth: bool  # whether frames after it had a say
     dropped: int  # frames that were dropped so far
+    person: str = ""  # the name of the one of several people whose body that is
 
     @cached_property
     def world(self) -> np.ndarray:
@@ -55,30 +60,47 @@ class Packet:
         """As ZMQ and WebSocket send it."""
         values: dict[str, Any] = {name: getattr(self, name) for name in ("time", "smooth", "dropped")}
         values |= {"frame": self.answer.number, "status": self.answer.status[0]}
+        values |= {"person": self.person} if self.person else {}
         values |= {"joints": self.subject.body.skeleton.joints, "place": self.values[:, :3].round(5).tolist()}
         iou = [None if each != each else each for each in self.answer.iou[0].round(4).tolist()]
         return json.dumps(values | {"turn": self.values[:, 3:].round(6).tolist(), "iou": iou}, separators=(",", ":"))
 
 
-def open_sender(address: str, subject: Subject, rig: CameraRig, fps: float) -> Any:
-    """A sender to those who listen at an address: ``send(packet)`` sends, ``close()`` ends it.
+def open_sender(address: str, people: Mapping[str, Subject], rig: CameraRig, fps: float) -> Any:
+    """A sender of people's packets to those who listen at an address: ``send(packet)`` sends, ``close()`` ends it.
 
     Raises:
         UsageError: there is no such kind of address.
-        InputError: a package is missing, the address is taken, or the body is none that the listeners know.
+        InputError: a package is missing, the address is taken, or a body is none that the listeners know.
     """
     parts = urlsplit(address)
     host, port = parts.hostname or "127.0.0.1", parts.netloc.rpartition(":")[2]
     if parts.scheme in ("tcp", "ipc"):
         return _Zmq(address)
     if parts.scheme == "ws" and port.isdecimal():
-        return _Web(address, host, int(port), subject, rig)
-    if parts.scheme == "vmc" and port.isdecimal():
-        return _Vmc(address, host, int(port), subject, rig.up)
+        return _Web(address, host, int(port), people, rig)
+    if parts.scheme == "vmc" and port.isdecimal():  # a listener knows one body: the next has the next port
+        ports = zip(count(int(port)), people.items())
+        return _Each({name: _Vmc(address, host, own, subject, rig.up) for own, (name, subject) in ports})
     if parts.scheme == "lsl" and parts.netloc:
-        return _Lsl(address, subject, fps)
+        streams = {name: f"{address[6:]}-{name}" if len(people) > 1 else address[6:] for name in people}
+        return _Each({name: _Lsl(address, stream, people[name], fps) for name, stream in streams.items()})
     kinds = "tcp://HOST:PORT (ZMQ), ws://HOST:PORT (a page), vmc://HOST:PORT and lsl://NAME"
     raise UsageError(f"--to {address} is no address; possible are {kinds}")
+
+
+class _Each:
+    """Sends each person's packets by a sender of their own."""
+
+    def __init__(self, senders: Mapping[str, Any]) -> None:
+        self._senders = senders
+
+    def send(self, packet: Packet) -> None:
+        self._senders[packet.person].send(packet)
+
+    def close(self) -> None:
+        for sender in self._senders.values():
+            sender.close()
 
 
 def _with_quaternions(place: np.ndarray, turn: np.ndarray) -> np.ndarray:
@@ -116,10 +138,10 @@ class _Zmq:
 class _Web:
     """Serves a page that draws the body, and packets as JSON over WebSocket to it and to programs."""
 
-    def __init__(self, address: str, host: str, port: int, subject: Subject, rig: CameraRig) -> None:
+    def __init__(self, address: str, host: str, port: int, people: Mapping[str, Subject], rig: CameraRig) -> None:
         server = _package(address, "websockets.sync.server", "websockets")
         self._gone = import_module("websockets.exceptions").ConnectionClosed
-        self._page, self._listeners, self._closed = _page(subject, rig), set[queue.Queue[str]](), False
+        self._page, self._listeners, self._closed = _page(people, rig), set[queue.Queue[str]](), False
         try:
             self._server = server.serve(self._listen, host, port, process_request=self._answer, compression=None)
         except OSError as error:
@@ -156,10 +178,13 @@ class _Web:
         return response
 
 
-def _page(subject: Subject, rig: CameraRig) -> str:
+def _page(people: Mapping[str, Subject], rig: CameraRig) -> str:
     """The page that draws what is sent."""
     cameras = [{what: getattr(rig, what)[k].tolist() for what in ("K", "R", "t", "size")} for k in range(len(rig))]
-    content = {"body": body_content(subject.body), "cameras": cameras, "names": rig.names, "colours": COLOURS}
+    looks = [look_content(Look(name, TINTS[n % len(TINTS)])) for n, name in enumerate(people)]
+    several = looks if len(people) > 1 else [{}]
+    shown = [look | {"body": body_content(each.body)} for look, each in zip(several, people.values(), strict=True)]
+    content = {"people": shown, "cameras": cameras, "names": rig.names, "colours": COLOURS}
     scripts = [resource("mmocap_warp.display.page", f"{name}.js") for name in ("data", "pinhole", "stage", "layers")]
     return filled(
         resource(_HERE, "live.html"),
@@ -210,11 +235,11 @@ class _Vmc:
 class _Lsl:
     """Two streams of Lab Streaming Layer, NAME and NAME-smooth: number, time, and seven values of each joint."""
 
-    def __init__(self, address: str, subject: Subject, fps: float) -> None:
+    def __init__(self, address: str, stream: str, subject: Subject, fps: float) -> None:
         lsl, self._outlets = _package(address, "pylsl", "pylsl"), []
         axes = ("x", "y", "z", "qx", "qy", "qz", "qw")
         labels = ["frame", "time", *(f"{joint}.{axis}" for joint in subject.body.skeleton.joints for axis in axes)]
-        for name in (address[6:], f"{address[6:]}-smooth"):
+        for name in (stream, f"{stream}-smooth"):
             info = lsl.StreamInfo(name, "MoCap", len(labels), fps, lsl.cf_double64, f"mmocap {name}")
             info.set_channel_labels(labels)
             self._outlets.append(lsl.StreamOutlet(info))

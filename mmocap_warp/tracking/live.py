@@ -185,13 +185,16 @@ class LiveTracker:
         cameras: undistorted, at the masks' size: ``scene.rig(scale)``.
         fps: frames a second.
         config: settings.
+        hidden: whether observations say what may be in front of the subject.
 
     Raises:
         ValueError: ``smooth`` is 0.
         InputError: more than fits into the device's memory, or the tracking mesh is not closed.
     """
 
-    def __init__(self, subject: Subject, cameras: CameraRig, fps: float, config: TrackConfig) -> None:
+    def __init__(
+        self, subject: Subject, cameras: CameraRig, fps: float, config: TrackConfig, hidden: bool = False
+    ) -> None:
         if not config.acceleration:
             raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
         body, given = subject.body, (subject, cameras, replace(config, threads=1), fps)
@@ -209,7 +212,8 @@ class LiveTracker:
         self._process.start()
         # Rehearse with the body where it is taken to be.
         state, (vertices,) = self._tracker.state, Poser(subject.body, subject.root_base).tracking_vertices(subject.pose)
-        seen = silhouettes(cameras, vertices, subject.body.tracking_face)
+        masks = silhouettes(cameras, vertices, subject.body.tracking_face)
+        seen = Observation.from_masks(masks, None, masks if hidden else None)
         self._begun = False
         for number in range(math.ceil(_REHEARSAL * fps)):
             self.step(number, seen)
@@ -230,9 +234,8 @@ class LiveTracker:
         self._process.terminate()
         self._process.join()
 
-    def step(self, number: int, masks: Sequence[np.ndarray]) -> LiveFrame:
-        """Track a frame, whose number is above the last, by (height, width) bool masks; no later frame has a say."""
-        observation = Observation.from_masks(list(masks))
+    def step(self, number: int, observation: Observation) -> LiveFrame:
+        """Track a frame, whose number is above the last, by what was seen; no later frame has a say."""
         if number != self._expected:  # what is gone since may have moved
             self._come.append(_nothing(observation))
             next(self._followed)

@@ -8,14 +8,18 @@ import subprocess
 import sys
 import time
 
+import cv2
 import numpy as np
 import pytest
-from small_scene import CAMERAS, SCENE, make_scene
+from small_scene import CAMERAS, FRAMES, SCENE, SIZE, make_scene
+from synthetic import synthetic_subject
 from walk_scene import walking
 
 import mmocap_warp as mm
 from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.formats.usd.usd_people import results_in
 from mmocap_warp.scenes import ROOT
+from mmocap_warp.tracking.live import LiveFrame
 
 WALK = ROOT / "walk"
 SETTINGS = {"device": "cpu", "scale": 0.25, "algorithm": "contour"}
@@ -53,6 +57,62 @@ class Listener(mm.Reporter):
     def note(self, line: str) -> None:
         """Remember it."""
         self.notes.append(line)
+
+
+class Standing:
+    """Instead of a tracker, somebody who stays where they are; what is said at once is said again in the end."""
+
+    def __init__(self, subject, cameras, fps, config, hidden=False) -> None:
+        self.subject, self.hidden, self.frames = subject, hidden, []
+
+    def step(self, number, observation) -> LiveFrame:
+        """The same pose again."""
+        pose, joints = self.subject.pose[None], np.zeros((1, len(self.subject.body.skeleton.joints), 3))
+        iou = observation.foreground[None] / 1000.0  # tells who was seen
+        self.frames.append(LiveFrame(number, pose, pose, joints, iou, ("tracked",)))
+        return self.frames[-1]
+
+    def smoothed(self) -> list[LiveFrame]:
+        """Nothing before the end."""
+        return []
+
+    def rest(self) -> list[LiveFrame]:
+        """All frames."""
+        return self.frames
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def test_several_people_have_a_file_each_and_one_of_all(tmp_path, monkeypatch):
+    folder, labels = make_scene(tmp_path), np.zeros(SIZE[::-1], np.uint8)
+    labels[10:40, 10:24], labels[10:40, 30:40] = 1, 2
+    for file in (folder / "masks").glob("*/*.png"):
+        cv2.imwrite(str(file), labels)
+    tables = "".join(f'[people.{name}]\nlabel = {n}\nsubject = "me.usdc"\n' for n, name in ((1, "anna"), (2, "ben")))
+    (folder / "scene.toml").write_text(SCENE + tables)
+    write_subject(folder / "me.usdc", synthetic_subject())
+    monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames: frames)
+    monkeypatch.setattr("mmocap_warp.commands.live_session.LiveTracker", Standing)
+    record = tmp_path / "live.usdc"
+    assert mm.live(folder, record=record, device="cpu").frames == FRAMES
+    files = results_in(record)
+    assert files == {name: tmp_path / f"live.{name}.usdc" for name in ("anna", "ben")}
+    for name, pixels in (("anna", 30 * 14), ("ben", 30 * 10)):
+        result = mm.load_result(files[name])
+        assert result.frame_numbers.tolist() == list(range(FRAMES))
+        np.testing.assert_allclose(result.iou, pixels / 1000.0)
+    with pytest.raises(mm.InputError, match=r"live\.usdc: exists already"):
+        mm.live(folder, record=record, device="cpu")
+    assert mm.live(folder, record=tmp_path / "ben.usdc", person="ben", device="cpu").frames == FRAMES
+    assert mm.load_result(tmp_path / "ben.usdc").iou.max() == 0.3
+    with pytest.raises(mm.UsageError, match="subject is of one person"):
+        mm.live(folder, folder / "me.usdc", device="cpu")
+    with pytest.raises(mm.UsageError, match="person eve is not one of anna, ben"):
+        mm.live(folder, person="eve", device="cpu")
+    (folder / "scene.toml").write_text(SCENE + tables + "[labels]\nseveral = 3\n")
+    with pytest.raises(mm.InputError, match="who is one blob with others cannot be told apart live"):
+        mm.live(folder, device="cpu")
 
 
 @pytest.mark.nightly

@@ -32,7 +32,8 @@ def scene(tmp_path):
 
 def seen(arrival: Arrival) -> list[int | None]:
     """Of each camera, the foreground pixels."""
-    return [None if mask is None else int(mask.sum()) for mask in arrival.masks]
+    (observation,) = arrival.seen
+    return [None if k in arrival.silent else int(pixels) for k, pixels in enumerate(observation.foreground)]
 
 
 def test_a_frame_that_waits_when_the_next_comes_is_dropped():
@@ -84,11 +85,11 @@ def test_what_is_wrong_with_a_source_is_told():
 
 def test_a_scenes_own_files_come_at_their_pace(tmp_path):
     scene = load_scene(make_scene(tmp_path))
-    frames = list(arrivals(scene, 1.0, ()))
+    frames = list(arrivals([scene], 1.0, ()))
     assert [frame.number for frame in frames] == [0, 1, 2]
     assert frames[2].time - frames[1].time > 0.5 / scene.fps
-    for frame, masks in zip(frames, scene.masks(), strict=True):
-        np.testing.assert_array_equal(frame.masks, masks)
+    for frame, observation in zip(frames, scene.observations(), strict=True):
+        np.testing.assert_array_equal(frame.seen[0].words, observation.words)
 
 
 def test_a_folder_that_grows(scene, tmp_path):
@@ -97,7 +98,7 @@ def test_a_folder_that_grows(scene, tmp_path):
         folder.mkdir(parents=True)
         (folder / "0006.png").write_bytes(b"old")
         (folder / "0007.png").write_bytes(PNG)
-    coming = arrivals(scene, 1.0, [str(tmp_path / "growing")])
+    coming = arrivals([scene], 1.0, [str(tmp_path / "growing")])
     frame = next(coming)
     assert frame.number == 7  # from the last that is there
     assert seen(frame) == [480, 480, 480]
@@ -111,7 +112,25 @@ def test_a_folder_that_grows(scene, tmp_path):
         (folder / "0010.png").write_bytes(data)
     assert seen(next(coming)) == [480, None, 480]  # one is half-written
     with pytest.raises(InputError, match="cam01: no such folder"):
-        next(arrivals(scene, 1.0, [str(tmp_path)]))
+        next(arrivals([scene], 1.0, [str(tmp_path)]))
+
+
+def test_label_images_are_split_into_people_and_what_may_be_in_front(scene, tmp_path):
+    people = "[people.anna]\nlabel = 1\n[people.ben]\nlabel = 2\n[labels]\nthing = 3\n"
+    (scene.directory / "scene.toml").write_text(SCENE.replace(CAMERAS, CAMERAS.replace("masks = ", "# ")) + people)
+    labels = EMPTY.copy()
+    labels[10:40, 24:40], labels[10:40, 40:50], labels[30:40, 20:30] = 1, 2, 3
+    for name in scene.calibrated.names:
+        (tmp_path / "growing" / name).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / "growing" / name / "0001.png"), labels)
+    both = load_scene(scene.directory, live=True)
+    scenes = [both.of_person(name) for name in both.people]
+    anna, ben = next(arrivals(scenes, 1.0, [str(tmp_path / "growing")])).seen
+    assert anna.foreground.tolist() == [30 * 16 - 10 * 6] * 3
+    assert ben.foreground.tolist() == [30 * 10] * 3
+    for person, other in ((anna, ben), (ben, anna)):
+        pixels = np.bitwise_count(person.hidden).sum(axis=(1, 2))
+        assert pixels.tolist() == (other.foreground + 10 * 10).tolist()
 
 
 class Capture:
@@ -146,7 +165,7 @@ def test_a_camera_that_stops_is_lost_and_comes_back(scene, cameras, monkeypatch)
     def until(*wanted: int | None) -> int:
         return next(frame.number for frame in coming if seen(frame) == [*wanted])
 
-    coming = arrivals(scene, 1.0, ["one", "two", "three"])
+    coming = arrivals([scene], 1.0, ["one", "two", "three"])
     assert until(480, 480, 480) == 0
     cameras.off.add("two")
     lost = until(480, None, 480)
@@ -159,13 +178,13 @@ def test_a_camera_that_never_sends(scene, cameras, monkeypatch):
     monkeypatch.setattr("mmocap_warp.streaming.arrivals._FIRST_IMAGE", 0.05)
     cameras.off.add("two")
     with pytest.raises(InputError, match="two: OpenCV gets no image from it"):
-        next(arrivals(scene, 1.0, ["one", "two", "three"]))
+        next(arrivals([scene], 1.0, ["one", "two", "three"]))
 
 
 def test_images_of_another_size_are_refused(scene, cameras):
     cameras.image = np.zeros((20, 30, 3), np.uint8)
     with pytest.raises(InputError, match="cam01: sends 30x20, the calibration says 64x48"):
-        next(arrivals(scene, 1.0, ["0", "1", "2"]))
+        next(arrivals([scene], 1.0, ["0", "1", "2"]))
 
 
 def test_pictures_are_subtracted_from_a_clean_plate_as_they_come(tmp_path, cameras):
@@ -180,14 +199,14 @@ def test_pictures_are_subtracted_from_a_clean_plate_as_they_come(tmp_path, camer
     tables += '[foreground]\nsource = "clean_plate"\nmin_area = 0.0\n'
     (folder / "scene.toml").write_text(SCENE.replace(CAMERAS, tables))
     cameras.image = picture
-    coming = arrivals(load_scene(folder, live=True), 1.0, ["0", "1", "2"])
+    coming = arrivals([load_scene(folder, live=True)], 1.0, ["0", "1", "2"])
     assert all(400 < pixels <= 480 for pixels in seen(next(coming)))  # cleaning rounds corners
     coming.close()
 
 
 def test_sources_that_cannot_be(scene):
     with pytest.raises(InputError, match="2 sources for 3 cameras; give --source once for each of cam01, cam02"):
-        arrivals(scene, 1.0, ["0", "1"])
+        arrivals([scene], 1.0, ["0", "1"])
 
 
 def test_frames_that_a_program_publishes(scene):
@@ -195,7 +214,7 @@ def test_frames_that_a_program_publishes(scene):
     with zmq.Context() as context, context.socket(zmq.PUB) as socket:
         address = f"tcp://127.0.0.1:{socket.bind_to_random_port('tcp://127.0.0.1')}"
         frames: list[Arrival] = []
-        reader = threading.Thread(target=lambda: frames.extend(arrivals(scene, 1.0, [address])))
+        reader = threading.Thread(target=lambda: frames.extend(arrivals([scene], 1.0, [address])))
         reader.start()
         while not frames:  # until it listens
             socket.send_multipart([json.dumps({"frame": 7, "time": 1.5}).encode(), PNG, b"", PNG])
@@ -215,7 +234,7 @@ def test_messages_that_are_no_frame(scene, parts):
 
         def read() -> None:
             try:
-                list(arrivals(scene, 1.0, [address]))
+                list(arrivals([scene], 1.0, [address]))
             except InputError as error:
                 errors.append(str(error))
 
@@ -230,4 +249,4 @@ def test_messages_that_are_no_frame(scene, parts):
 def test_messages_without_their_package(scene, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "zmq", None)
     with pytest.raises(InputError, match=r'pip install "mmocap-warp\[live\]"'):
-        next(arrivals(scene, 1.0, ["tcp://127.0.0.1:1"]))
+        next(arrivals([scene], 1.0, ["tcp://127.0.0.1:1"]))

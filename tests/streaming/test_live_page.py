@@ -27,7 +27,7 @@ def test_the_page_draws_what_is_sent(tmp_path):
     pytest.importorskip("websockets")
     port = free_port()
     with (
-        closing(open_sender(f"ws://127.0.0.1:{port}", SUBJECT, RIG, 30.0)) as sender,
+        closing(open_sender(f"ws://127.0.0.1:{port}", {"": SUBJECT}, RIG, 30.0)) as sender,
         Browser(PROGRAM, tmp_path, NO_GPU) as browser,
     ):
         browser.ask("Page.navigate", url=f"http://127.0.0.1:{port}/")
@@ -45,10 +45,33 @@ def test_the_page_draws_what_is_sent(tmp_path):
             f"{RIG.names[0]}: IoU 0.910",
             f"{RIG.names[1]}: nothing seen",
         ]
-        place = browser.run("[...joints.subarray(4, 7)]")
+        place = browser.run("[...people[0].joints.subarray(4, 7)]")
         np.testing.assert_allclose(place, packet().answer.joints[0, 0], atol=1e-4)
         assert browser.run(DRAWN) > 200  # the body is blue
         browser.run("part.smooth.click(); part.told.textContent = 'none'")
         told("Frame 7", smooth=True)
         assert browser.told("Runtime.exceptionThrown") == []
         assert [each for each in browser.told("Log.entryAdded") if each["entry"]["level"] == "error"] == []
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="needs Chromium")
+def test_several_people_have_names_and_colours(tmp_path):
+    pytest.importorskip("websockets")
+    port, people = free_port(), {"anna": SUBJECT, "ben": SUBJECT}
+    with (
+        closing(open_sender(f"ws://127.0.0.1:{port}", people, RIG, 30.0)) as sender,
+        Browser(PROGRAM, tmp_path, NO_GPU) as browser,
+    ):
+        browser.ask("Page.navigate", url=f"http://127.0.0.1:{port}/")
+        patience = time.monotonic() + 30.0
+        while "Frame 7, anna partial, ben partial, " not in browser.run(
+            f"document.readyState === 'complete' ? {TOLD} : ''"
+        ):
+            assert time.monotonic() < patience
+            for name in people:
+                sender.send(packet(person=name))
+            time.sleep(0.02)
+        rows = browser.run("document.getElementById('overlaps').innerText").split("\n")
+        assert rows[0] == f"{RIG.names[0]}: anna IoU 0.910, ben IoU 0.910"
+        assert len(set(browser.run("people.map((each) => each.colour)"))) == 2
+        assert browser.told("Runtime.exceptionThrown") == []

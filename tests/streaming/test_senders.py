@@ -34,6 +34,8 @@ def check(told: dict) -> None:
 
 def test_what_json_says():
     check(json.loads(packet().json))
+    assert "person" not in packet().json
+    assert json.loads(packet(person="ben").json)["person"] == "ben"
 
 
 def test_turns_are_from_the_bind_pose():
@@ -46,7 +48,7 @@ def test_turns_are_from_the_bind_pose():
 @pytest.mark.parametrize("address", ["file://a", "127.0.0.1", "ws://127.0.0.1", "vmc://host:port", "lsl://", ""])
 def test_addresses_that_cannot_be(address):
     with pytest.raises(UsageError, match="is no address; possible are tcp://HOST:PORT"):
-        open_sender(address, SUBJECT, RIG, 30.0)
+        open_sender(address, {"": SUBJECT}, RIG, 30.0)
 
 
 @pytest.mark.parametrize(
@@ -61,15 +63,15 @@ def test_addresses_that_cannot_be(address):
 def test_a_missing_package_names_the_extra(address, module, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=r'pip install "mmocap-warp\[live\]"'):
-        open_sender(address, SUBJECT, RIG, 30.0)
+        open_sender(address, {"": SUBJECT}, RIG, 30.0)
 
 
 def test_zmq():
     zmq = pytest.importorskip("zmq")
     address = f"tcp://127.0.0.1:{free_port()}"
-    with closing(open_sender(address, SUBJECT, RIG, 30.0)) as sender, zmq.Context() as context:
+    with closing(open_sender(address, {"": SUBJECT}, RIG, 30.0)) as sender, zmq.Context() as context:
         with pytest.raises(InputError, match="cannot be opened"):
-            open_sender(address, SUBJECT, RIG, 30.0)
+            open_sender(address, {"": SUBJECT}, RIG, 30.0)
         with context.socket(zmq.SUB) as listener:
             listener.subscribe(b"")
             listener.connect(address)
@@ -83,7 +85,7 @@ def web() -> Iterator[tuple[int, object]]:
     """A port that is served, and its sender."""
     pytest.importorskip("websockets")
     port = free_port()
-    with closing(open_sender(f"ws://127.0.0.1:{port}", SUBJECT, RIG, 30.0)) as sender:
+    with closing(open_sender(f"ws://127.0.0.1:{port}", {"": SUBJECT}, RIG, 30.0)) as sender:
         yield port, sender
 
 
@@ -130,7 +132,7 @@ def vmc_values(subject: Subject, up: str, sent: Packet) -> dict[str, tuple]:
     with socket.socket(type=socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
         address = f"vmc://127.0.0.1:{listener.getsockname()[1]}?smooth"
-        with closing(open_sender(address, subject, ring_rig(2, up=up), 30.0)) as sender:
+        with closing(open_sender(address, {"": subject}, ring_rig(2, up=up), 30.0)) as sender:
             sender.send(packet(subject))  # not smoothed: not told
             sender.send(sent)
         messages = []
@@ -171,19 +173,37 @@ def test_vmc_puts_the_joints_where_they_are_in_unitys_axes():
         np.testing.assert_allclose(placed[bone][0], (-x, z, -y), atol=1e-5)
 
 
+def test_vmc_has_a_port_for_each_person():
+    pytest.importorskip("pythonosc")
+    man = Subject(load_body("adult_man"), np.eye(3), np.zeros(60), {})
+    with socket.socket(type=socket.SOCK_DGRAM) as first, socket.socket(type=socket.SOCK_DGRAM) as second:
+        port = free_port()
+        first.bind(("127.0.0.1", port))
+        second.bind(("127.0.0.1", port + 1))
+        second.settimeout(20)
+        with closing(open_sender(f"vmc://127.0.0.1:{port}", {"anna": man, "ben": man}, RIG, 30.0)) as sender:
+            sender.send(packet(man, person="ben"))
+        assert b"/mmocap/frame" in second.recv(1 << 16)
+        first.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            first.recv(1 << 16)
+
+
 def test_vmc_is_for_people():
     pytest.importorskip("pythonosc")
     fox = load_body("fox")
+    animal = Subject(fox, np.eye(3), np.zeros(fox.skeleton.coordinates), {})
     with pytest.raises(InputError, match="VMC is for people"):
-        open_sender("vmc://127.0.0.1:1", Subject(fox, np.eye(3), np.zeros(fox.skeleton.coordinates), {}), RIG, 30.0)
+        open_sender("vmc://127.0.0.1:1", {"": animal}, RIG, 30.0)
 
 
 @pytest.mark.nightly
 def test_lsl():
     lsl = pytest.importorskip("pylsl")
     name = f"live{free_port()}"
-    with closing(open_sender(f"lsl://{name}", SUBJECT, RIG, 30.0)) as sender:
-        (found,) = lsl.resolve_byprop("name", name, timeout=20)
+    with closing(open_sender(f"lsl://{name}", {"": SUBJECT, "ben": SUBJECT}, RIG, 30.0)) as sender:
+        assert lsl.resolve_byprop("name", f"{name}-ben-smooth", timeout=20)
+        (found,) = lsl.resolve_byprop("name", f"{name}-", timeout=20)
         listener = lsl.StreamInlet(found)
         listener.open_stream(timeout=20)
         sender.send(packet(smooth=True))  # of the other stream

@@ -10,7 +10,7 @@ import pytest
 from synthetic import synthetic_subject
 from tracked_motion import FPS, FRAMES, RIG, marker_errors, motion
 
-from mmocap_warp.masks.observation import unpack_masks
+from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_observations
 from mmocap_warp.tracking.live import LiveFrame, LiveTracker
@@ -44,8 +44,9 @@ def answers() -> tuple[list[LiveFrame], list[LiveFrame], list[bool]]:
 
     with pytest.MonkeyPatch.context() as patch, closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
         patch.setattr(ContourTracker, "step", watched)
-        at_once = [tracker.step(n, masks) for n, masks in enumerate(seen) if n not in DROPPED]
-        at_once += [tracker.step(n, holed if is_holed else seen[-1]) for n, is_holed in HOLED.items()]
+        at_once = [tracker.step(n, Observation.from_masks(masks)) for n, masks in enumerate(seen) if n not in DROPPED]
+        later = {n: Observation.from_masks(holed if is_holed else seen[-1]) for n, is_holed in HOLED.items()}
+        at_once += [tracker.step(n, each) for n, each in later.items()]
         return at_once, list(tracker.rest()), hidden[-len(HOLED) :]
 
 
@@ -102,7 +103,7 @@ def test_the_same_frames_get_the_same_answers(answers):
         again = []
         for n, masks in enumerate(seen):
             if n not in DROPPED:
-                tracker.step(n, masks)
+                tracker.step(n, Observation.from_masks(masks))
                 again += tracker.smoothed()
         again += tracker.rest()
     for one, other in zip(answers[1][:FRAMES], again, strict=True):
@@ -116,6 +117,6 @@ def test_a_process_that_dies_is_told_of():
     with closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
         tracker._process.kill()
         tracker._process.join()
-        tracker.step(0, seen[0])
+        tracker.step(0, Observation.from_masks(seen[0]))
         with pytest.raises(RuntimeError, match="the process that smooths ended with exit code -9"):
             list(tracker.rest())

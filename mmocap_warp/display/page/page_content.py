@@ -182,16 +182,17 @@ def content(
         "truth": None if truth is None else _truth(result, truth),
         "best": result.best_run,
         "runs": _runs(result, truth),
-        "person": _look(people[0][0]) if people else None,
+        "person": look_content(people[0][0]) if people else None,
         "others": [
-            _look(look) | {"body": body_content(of.subject.body), "motion": _motion(of, of.pose[of.best_run])}
+            look_content(look) | {"body": body_content(of.subject.body), "motion": _motion(of, of.pose[of.best_run])}
             for look, of in people[1:]
         ],
         **({} if joint_set is None else {"points": _points(result, joint_set)}),
     }
 
 
-def _look(look: Look) -> dict[str, str]:
+def look_content(look: Look) -> dict[str, Any]:
+    """How a person is told from others: a name and a colour."""
     return {"name": look.name, "colour": "#" + bytes(reversed(look.colour)).hex()}
 
 

@@ -12,9 +12,11 @@ import multiprocessing
 import sys
 import time
 from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,7 @@ from mmocap_warp.streaming.arrivals import Arrival, newest
 from mmocap_warp.streaming.senders import Packet, open_sender
 from mmocap_warp.synthesis.footage.made_recording import placed_camera
 from mmocap_warp.tracking.live import LiveFrame, LiveTracker
+from mmocap_warp.tracking.live_process import LiveProcess
 from mmocap_warp.tracking.track_config import TrackConfig
 
 ADDRESS = "tcp://127.0.0.1:5557"
@@ -140,11 +143,15 @@ def main(seconds: float, fps: float, count: int) -> None:
     subjects = {person.name: person.subject for person in people}
     with ExitStack() as stack:
         sender = stack.enter_context(closing(open_sender(ADDRESS, subjects, rig, fps)))
+        kind = LiveProcess if count > 1 else LiveTracker
         trackers = [
-            stack.enter_context(closing(LiveTracker(each.subject, rig, fps, TrackConfig(), each.hidden[0] is not None)))
+            stack.enter_context(closing(kind(each.subject, rig, fps, TrackConfig(), each.hidden[0] is not None)))
             for each in people
         ]
+        for tracker in trackers:
+            tracker.wait()
         tracked = list(zip(people, trackers, strict=True))
+        at_once = ThreadPoolExecutor(count).map if count > 1 else map
 
         def send(frame: LiveFrame, person: Person, smooth: bool) -> None:
             seen = times.get(frame.number, arrival.time)
@@ -154,8 +161,8 @@ def main(seconds: float, fps: float, count: int) -> None:
         for arrival in newest(source()):
             dropped += max(0, arrival.number - last - 1)
             last, times[arrival.number] = arrival.number, arrival.time
-            for (person, tracker), seen in zip(tracked, arrival.seen, strict=True):
-                frame = tracker.step(arrival.number, seen)
+            frames = list(at_once(kind.step, trackers, repeat(arrival.number), arrival.seen))
+            for person, frame in zip(people, frames, strict=True):
                 lost += frame.status[0] == "lost"
                 send(frame, person, False)
             for person, tracker in tracked:

@@ -23,6 +23,10 @@ class InputError(ValueError):
         self.remedy = remedy
         super().__init__(f"{_readable(self.source)}: {_readable(problem)}; {_readable(remedy)}")
 
+    def __reduce__(self) -> tuple[type[Self], tuple[str, str, str]]:
+        """How it is sent from one process to another."""
+        return type(self), (self.source, self.problem, self.remedy)
+
 
 @contextmanager
 def input_errors(source: object, problem: str, remedy: str, *kinds: type[Exception]) -> Iterator[None]:

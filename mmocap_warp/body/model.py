@@ -80,6 +80,14 @@ class BodyModel:
         return f"BodyModel {self.name}: {joints} joints, {models} DOF, {len(self.skin.rest)} vertices{rigid}"
 
     @cached_property
+    def rest_transforms(self) -> np.ndarray:
+        """(joint, 4, 4) float64: parent from joint in the bind pose; the root's is body space from root."""
+        bind = bind_transforms(self)
+        return np.stack(
+            [m if p < 0 else np.linalg.inv(bind[p]) @ m for m, p in zip(bind, self.skeleton.parent, strict=True)]
+        )
+
+    @cached_property
     def tracking(self) -> SkinMesh:
         """The tracking mesh: about 2,000 to 5,000 triangles over a subset of the full mesh's vertices."""
         keep = self.tracking_vertex
@@ -202,20 +210,12 @@ def bind_transforms(body: BodyModel) -> np.ndarray:
     return bind
 
 
-def rest_transforms(body: BodyModel) -> np.ndarray:
-    """(joint, 4, 4) float64: parent from joint in the bind pose; the root's is body space from root."""
-    bind = bind_transforms(body)
-    return np.stack(
-        [m if p < 0 else np.linalg.inv(bind[p]) @ m for m, p in zip(bind, body.skeleton.parent, strict=True)]
-    )
-
-
 def joint_transforms(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Transforms of the joints in poses (frame, coordinate): (frame, joint, 4, 4) float64, for column vectors.
 
     The first have each joint in its parent, the root in the world; the second have all of them in the world.
     """
-    local = np.tile(rest_transforms(subject.body), (len(pose), 1, 1, 1))
+    local = np.tile(subject.body.rest_transforms, (len(pose), 1, 1, 1))
     local[:, 0, :3, :3] = subject.root_base @ local[:, 0, :3, :3]
     local[:, 0, :3, 3] = pose[:, :TRANSLATION]
     slides, own = subject.body.skeleton.slides, pose[:, TRANSLATION:].reshape(len(pose), -1, 3)

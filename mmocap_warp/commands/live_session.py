@@ -5,8 +5,10 @@ import math
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,7 @@ from mmocap_warp.streaming.arrivals import Arrival, arrivals, newest
 from mmocap_warp.streaming.growing_result import GrowingResult, finish
 from mmocap_warp.streaming.senders import Packet, open_sender
 from mmocap_warp.tracking.live import LiveFrame, LiveTracker
+from mmocap_warp.tracking.live_process import LiveProcess
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _DELAYS = 10_000  # frames whose delays are reported: the last ones
@@ -110,12 +113,15 @@ def live(
         listeners = [stack.enter_context(closing(open_sender(address, subjects, rig, rate))) for address in to]
         people = []
         for name, known in subjects.items():
-            about, hears = (known, rig, rate), list(listeners)
+            about, hears = (known, rig, rate, chosen), list(listeners)
             if files:
-                hears.append(stack.enter_context(closing(GrowingResult(files[name], *about, chosen))))
+                hears.append(stack.enter_context(closing(GrowingResult(files[name], *about))))
             with arguments_checked():
-                tracker = LiveTracker(*about, chosen, hidden=scenes[name].has_others)
+                tracker = (LiveProcess if len(scenes) > 1 else LiveTracker)(*about, scenes[name].has_others)
             people.append(_Person(name, known, stack.enter_context(closing(tracker)), 1 / rate, hears))
+        with arguments_checked():
+            for each in people:
+                each.tracker.wait()
         coming = stack.enter_context(closing(newest(arrivals([*scenes.values()], chosen.scale, source))))
         gc.collect()
         stack.callback(gc.unfreeze)
@@ -167,18 +173,20 @@ class _Person:
 
     name: str
     subject: Subject
-    tracker: LiveTracker
+    tracker: LiveTracker | LiveProcess
     period: float  # of the frames [s]
     listeners: list[Any]
     times: dict[int, float] = field(default_factory=dict)  # of the frames that are not smoothed yet
     last_time: float = 0.0  # of the frame that was smoothed last
 
-    def step(self, number: int, time: float, seen: Observation, dropped: int) -> LiveFrame:
-        """Track a frame, and say at once what was found."""
-        self.times[number] = time
-        frame = self.tracker.step(number, seen)
+    def step(self, number: int, seen: Observation) -> LiveFrame:
+        """Track a frame."""
+        return self.tracker.step(number, seen)
+
+    def tell(self, frame: LiveFrame, time: float, dropped: int) -> None:
+        """Say what was found at once of a frame that was seen at a time."""
+        self.times[frame.number] = time
         self._send(Packet(frame, self.subject, time, False, dropped, self.name))
-        return frame
 
     def smoothed(self, frames: Iterable[LiveFrame], dropped: int) -> None:
         """Say what was found of frames by those around them."""
@@ -195,6 +203,7 @@ def _track(people: list[_Person], coming: Iterator[Arrival], cameras: Sequence[s
     """Track what is coming."""
     report, last, silent = LiveReport(), None, set[str]()
     delays = deque[float](maxlen=_DELAYS)
+    at_once = ThreadPoolExecutor(len(people)).map if len(people) > 1 else map
     try:
         for arrival in coming:
             now_silent = {cameras[k] for k in arrival.silent}
@@ -203,8 +212,9 @@ def _track(people: list[_Person], coming: Iterator[Arrival], cameras: Sequence[s
                 reporter.note(f"live: frame {arrival.number}: camera {name} {what}")
             dropped = report.dropped + (0 if last is None else arrival.number - last - 1)
             last, silent = arrival.number, now_silent
-            told = zip(people, arrival.seen, strict=True)
-            found = [each.step(arrival.number, arrival.time, seen, dropped) for each, seen in told]
+            found = list(at_once(_Person.step, people, repeat(arrival.number), arrival.seen))
+            for each, frame in zip(people, found, strict=True):
+                each.tell(frame, arrival.time, dropped)
             lost = any(frame.status[0] == "lost" for frame in found)
             report = LiveReport(report.frames + 1, dropped, report.lost + lost)
             delays.append(1000 * (time.time() - arrival.time))

@@ -84,8 +84,8 @@ class Observation:
 
 def _cells(words: np.ndarray) -> np.ndarray:
     """(camera, row, column) uint8, 1 where a cell of 8 x 8 pixels has foreground."""
-    cells = np.bitwise_or.reduceat(words.view(np.uint8), np.arange(0, words.shape[1], _FAULT), axis=1)
-    return (cells > 0).view(np.uint8)
+    rows = np.bitwise_or.reduceat(words, np.arange(0, words.shape[1], _FAULT), axis=1)
+    return (rows.view(np.uint8) > 0).view(np.uint8)
 
 
 def _meet(cells: np.ndarray, other_cells: np.ndarray, mask: np.ndarray, other: np.ndarray) -> bool:

@@ -43,6 +43,7 @@ from mmocap_warp.tracking.tracker import lost_frame
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
 
 _MOST_BEHIND = 32  # frames that may wait to be smoothed; then the next frame waits too, so that memory stays the same
+_SMOOTHING_THREADS = 2  # of the process that smooths, where a GPU tracks
 _NICENESS = 19  # of the process that smooths: where cores are few, the frame that has just come goes first
 _PATIENCE = 1.0  # seconds between looks at whether that process lives
 _SEARCH_INTERVAL = 0.5  # seconds from a search to the next: it takes nearly as long, and frames are dropped meanwhile
@@ -197,7 +198,9 @@ class LiveTracker:
     ) -> None:
         if not config.acceleration:
             raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
-        body, given = subject.body, (subject, cameras, replace(config, threads=1), fps)
+        # A GPU would let the frame that has just come wait while it smooths others.
+        threads = 1 if resolve_device(config.device) == "cpu" else _SMOOTHING_THREADS
+        body, given = subject.body, (subject, cameras, replace(config, device="cpu", threads=threads), fps)
         self._poser, self._units = Poser(body, subject.root_base), body.skeleton.units(body.unit)
         subject, cameras, config = in_own_unit(subject, cameras, config)
         self._tracker = make_tracker(subject, cameras, config, fps)
@@ -228,6 +231,9 @@ class LiveTracker:
         self._expected = 0
         come = (self._come.pop() for _ in count())
         self._followed = with_holes(come, self._fps, lambda _: self._silhouettes_of(self._tracker.state.pose))
+
+    def wait(self) -> None:
+        """Do nothing: the tracker is ready when it is made."""
 
     def close(self) -> None:
         """End the process that smooths."""

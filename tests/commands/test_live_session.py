@@ -65,6 +65,9 @@ class Standing:
     def __init__(self, subject, cameras, fps, config, hidden=False) -> None:
         self.subject, self.hidden, self.frames = subject, hidden, []
 
+    def wait(self) -> None:
+        """Nothing is being made."""
+
     def step(self, number, observation) -> LiveFrame:
         """The same pose again."""
         pose, joints = self.subject.pose[None], np.zeros((1, len(self.subject.body.skeleton.joints), 3))
@@ -93,7 +96,8 @@ def test_several_people_have_a_file_each_and_one_of_all(tmp_path, monkeypatch):
     (folder / "scene.toml").write_text(SCENE + tables)
     write_subject(folder / "me.usdc", synthetic_subject())
     monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames: frames)
-    monkeypatch.setattr("mmocap_warp.commands.live_session.LiveTracker", Standing)
+    for kind in ("LiveTracker", "LiveProcess"):
+        monkeypatch.setattr(f"mmocap_warp.commands.live_session.{kind}", Standing)
     record = tmp_path / "live.usdc"
     assert mm.live(folder, record=record, device="cpu").frames == FRAMES
     files = results_in(record)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from contextlib import closing
 
 import cv2
@@ -10,10 +11,12 @@ import pytest
 from synthetic import synthetic_subject
 from tracked_motion import FPS, FRAMES, RIG, marker_errors, motion
 
+from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_observations
 from mmocap_warp.tracking.live import LiveFrame, LiveTracker
+from mmocap_warp.tracking.live_process import LiveProcess
 from mmocap_warp.tracking.track_config import TrackConfig
 
 CONFIG = TrackConfig("contour", device="cpu", threads=1)
@@ -94,6 +97,25 @@ def test_after_one_frame_that_was_searched_the_usual_overlap_may_be_known():
 def test_without_smoothing_there_is_no_second_answer():
     with pytest.raises(ValueError, match="smooth must be more than 0 to track live, h-cmaes has 0"):
         LiveTracker(synthetic_subject(), RIG, FPS, TrackConfig("h-cmaes", device="cpu"))
+
+
+def test_another_process_gives_the_same_answers(answers):
+    with closing(LiveProcess(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
+        tracker.wait()
+        at_once = [tracker.step(n, seen) for n, seen in enumerate(motion("cpu")[1][: DROPPED[0]])]
+        later = [*tracker.smoothed(), *tracker.rest()]
+    for one, other in zip(answers[0], at_once, strict=False):
+        np.testing.assert_array_equal(one.pose, other.pose)
+    assert [frame.number for frame in later] == [*range(DROPPED[0])]
+
+
+def test_what_goes_wrong_in_another_process_is_raised_here():
+    with closing(LiveProcess(synthetic_subject(), RIG, FPS, TrackConfig("h-cmaes", device="cpu"))) as tracker:
+        with pytest.raises(ValueError, match="smooth must be more than 0 to track live"):
+            tracker.wait()
+        with pytest.raises(RuntimeError, match="a process that tracks ended with exit code 0"):
+            tracker.wait()
+    assert str(pickle.loads(pickle.dumps(InputError("a.png", "is none", "make one")))) == "a.png: is none; make one"
 
 
 @pytest.mark.nightly

@@ -147,7 +147,7 @@ def define_body(stage: Usd.Stage, path: str, body: model.BodyModel) -> UsdSkel.R
     skeleton.CreateJointsAttr(joint_paths(body.skeleton))
     skeleton.CreateJointNamesAttr(list(body.skeleton.joints))
     skeleton.CreateBindTransformsAttr([Gf.Matrix4d(m.T) for m in model.bind_transforms(body)])
-    skeleton.CreateRestTransformsAttr([Gf.Matrix4d(m.T) for m in model.rest_transforms(body)])
+    skeleton.CreateRestTransformsAttr([Gf.Matrix4d(m.T) for m in body.rest_transforms])
     UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
     define_freedom(skeleton.GetPrim(), body.skeleton)
 

@@ -148,7 +148,7 @@ def main(seconds: float, fps: float, count: int) -> None:
             stack.enter_context(closing(kind(each.subject, rig, fps, TrackConfig(), each.hidden[0] is not None)))
             for each in people
         ]
-        for tracker in trackers:
+        for tracker in trackers if count > 1 else ():
             tracker.wait()
         tracked = list(zip(people, trackers, strict=True))
         at_once = ThreadPoolExecutor(count).map if count > 1 else map

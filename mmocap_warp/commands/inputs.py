@@ -76,9 +76,9 @@ def _open_scene(
         if scene.foreground.source != "masks":
             raise UsageError("--identity chooses among given masks; this scene's are subtracted")
         scene = replace(scene, foreground=replace(scene.foreground, identity=identity))
-    return (
-        scene if frames is None else scene.of_frames(FrameChoice.parse(frames).of(scene.frames, scene.recorded_frames))
-    )
+    if frames is None:
+        return scene
+    return scene.of_frames(FrameChoice.parse(frames).of(scene.frames, scene.recorded_frames))
 
 
 def _frames_text(frames: Frames) -> str | None:

@@ -25,7 +25,6 @@ from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 from mmocap_warp.formats.usd.usd_people import write_people
 from mmocap_warp.formats.usd.usd_result import read_result
-from mmocap_warp.masks.observation import Observation
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
@@ -121,7 +120,8 @@ def live(
             people.append(_Person(name, known, stack.enter_context(closing(tracker)), 1 / rate, hears))
         with arguments_checked():
             for each in people:
-                each.tracker.wait()
+                if isinstance(each.tracker, LiveProcess):
+                    each.tracker.wait()
         coming = stack.enter_context(closing(newest(arrivals([*scenes.values()], chosen.scale, source))))
         gc.collect()
         stack.callback(gc.unfreeze)
@@ -179,10 +179,6 @@ class _Person:
     times: dict[int, float] = field(default_factory=dict)  # of the frames that are not smoothed yet
     last_time: float = 0.0  # of the frame that was smoothed last
 
-    def step(self, number: int, seen: Observation) -> LiveFrame:
-        """Track a frame."""
-        return self.tracker.step(number, seen)
-
     def tell(self, frame: LiveFrame, time: float, dropped: int) -> None:
         """Say what was found at once of a frame that was seen at a time."""
         self.times[frame.number] = time
@@ -212,11 +208,10 @@ def _track(people: list[_Person], coming: Iterator[Arrival], cameras: Sequence[s
                 reporter.note(f"live: frame {arrival.number}: camera {name} {what}")
             dropped = report.dropped + (0 if last is None else arrival.number - last - 1)
             last, silent = arrival.number, now_silent
-            found = list(at_once(_Person.step, people, repeat(arrival.number), arrival.seen))
+            found = list(at_once(lambda of, n, seen: of.tracker.step(n, seen), people, repeat(last), arrival.seen))
             for each, frame in zip(people, found, strict=True):
                 each.tell(frame, arrival.time, dropped)
-            lost = any(frame.status[0] == "lost" for frame in found)
-            report = LiveReport(report.frames + 1, dropped, report.lost + lost)
+            report = LiveReport(report.frames + 1, dropped, report.lost + any(f.status[0] == "lost" for f in found))
             delays.append(1000 * (time.time() - arrival.time))
             for each in people:
                 each.smoothed(each.tracker.smoothed(), dropped)

@@ -9,8 +9,12 @@ const style = (name) => hex(getComputedStyle(document.documentElement).getProper
 let stage = null, orbit = null, asked = false;
 try { stage = new Stage(part.world, ...people.map((each) => each.body)); } catch { part.trouble.hidden = false; }
 const rows = names.map(() => part.overlaps.appendChild(document.createElement("li")));
-const overlap = (iou) => (iou === null ? "nothing seen" : `IoU ${iou.toFixed(3)}`);
 const named = (each, text) => (each.name ? `${each.name} ${text}` : text);
+if (people.length > 1) part.mesh.parentElement.replaceChildren(part.mesh, ...people.flatMap(({ name, colour }) => {
+  const swatch = Object.assign(document.createElement("i"), { className: "swatch" });
+  swatch.style.background = colour;
+  return [swatch, name];
+}));
 
 function show(packet) {
   if (packet.smooth !== part.smooth.checked) return;
@@ -18,10 +22,13 @@ function show(packet) {
   person.packet = packet;
   packet.turn.forEach((turn, j) => person.joints.set([...turn, ...packet.place[j]], 8 * j));
   const seen = people.filter((each) => each.packet), age = Math.max(0, Date.now() - 1000 * packet.time);
-  rows.forEach((row, k) => { row.textContent = `${names[k]}: ${seen.map((each) => named(each, overlap(each.packet.iou[k]))).join(", ")}`; });
+  rows.forEach((row, k) => {
+    const overlaps = seen.filter((each) => each.packet.iou[k] !== null).map((each) => named(each, each.packet.iou[k].toFixed(3)));
+    row.textContent = `${names[k]}: ${overlaps.length ? `IoU ${overlaps.join(", ")}` : "nothing seen"}`;
+  });
   const statuses = seen.map((each) => named(each, each.packet.status)).join(", ");
   part.told.textContent = `Frame ${packet.frame}, ${statuses}, ${age.toFixed(0)} ms after it was seen, ${packet.dropped} dropped`;
-  orbit ??= new Orbit(packet.place[0], 4, content.up, turning(packet.turn[0]).map((row) => row[2]));
+  orbit ??= new Orbit(packet.place[0], 4 * Math.sqrt(people.length), content.up, turning(packet.turn[0]).map((row) => row[2]));
   refresh();
 }
 

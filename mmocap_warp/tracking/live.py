@@ -43,7 +43,7 @@ from mmocap_warp.tracking.tracker import lost_frame
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
 
 _MOST_BEHIND = 32  # frames that may wait to be smoothed; then the next frame waits too, so that memory stays the same
-_SMOOTHING_THREADS = 2  # of the process that smooths, where a GPU tracks
+_SMOOTHING_THREADS = 4  # of the process that smooths, where a GPU tracks several people
 _NICENESS = 19  # of the process that smooths: where cores are few, the frame that has just come goes first
 _PATIENCE = 1.0  # seconds between looks at whether that process lives
 _SEARCH_INTERVAL = 0.5  # seconds from a search to the next: it takes nearly as long, and frames are dropped meanwhile
@@ -187,6 +187,7 @@ class LiveTracker:
         fps: frames a second.
         config: settings.
         hidden: whether observations say what may be in front of the subject.
+        alone: whether nobody else is tracked at the same time.
 
     Raises:
         ValueError: ``smooth`` is 0.
@@ -194,13 +195,22 @@ class LiveTracker:
     """
 
     def __init__(
-        self, subject: Subject, cameras: CameraRig, fps: float, config: TrackConfig, hidden: bool = False
+        self,
+        subject: Subject,
+        cameras: CameraRig,
+        fps: float,
+        config: TrackConfig,
+        hidden: bool = False,
+        *,
+        alone: bool = True,
     ) -> None:
         if not config.acceleration:
             raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
-        # A GPU would let the frame that has just come wait while it smooths others.
-        threads = 1 if resolve_device(config.device) == "cpu" else _SMOOTHING_THREADS
-        body, given = subject.body, (subject, cameras, replace(config, device="cpu", threads=threads), fps)
+        smoothing = replace(config, threads=1)
+        if not alone and resolve_device(config.device) != "cpu":
+            # The GPU would let frames that have just come wait while it smooths everybody's others.
+            smoothing = replace(config, device="cpu", threads=_SMOOTHING_THREADS)
+        body, given = subject.body, (subject, cameras, smoothing, fps)
         self._poser, self._units = Poser(body, subject.root_base), body.skeleton.units(body.unit)
         subject, cameras, config = in_own_unit(subject, cameras, config)
         self._tracker = make_tracker(subject, cameras, config, fps)
@@ -232,16 +242,17 @@ class LiveTracker:
         come = (self._come.pop() for _ in count())
         self._followed = with_holes(come, self._fps, lambda _: self._silhouettes_of(self._tracker.state.pose))
 
-    def wait(self) -> None:
-        """Do nothing: the tracker is ready when it is made."""
-
     def close(self) -> None:
         """End the process that smooths."""
         self._process.terminate()
         self._process.join()
 
-    def step(self, number: int, observation: Observation) -> LiveFrame:
-        """Track a frame, whose number is above the last, by what was seen; no later frame has a say."""
+    def step(self, number: int, seen: Observation | Sequence[np.ndarray]) -> LiveFrame:
+        """Track a frame, whose number is above the last, by what was seen; no later frame has a say.
+
+        That may be a (height, width) bool mask of each camera.
+        """
+        observation = seen if isinstance(seen, Observation) else Observation.from_masks(list(seen))
         if number != self._expected:  # what is gone since may have moved
             self._come.append(_nothing(observation))
             next(self._followed)

@@ -69,7 +69,7 @@ def _serve(line: Any, *about: Any) -> None:
     start_quietly()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         try:
-            with closing(LiveTracker(*about)) as tracker:
+            with closing(LiveTracker(*about, alone=False)) as tracker:
                 line.send(None)
                 for number, observation in iter(line.recv, None):
                     frame = tracker.step(number, observation)

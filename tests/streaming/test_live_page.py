@@ -72,6 +72,6 @@ def test_several_people_have_names_and_colours(tmp_path):
                 sender.send(packet(person=name))
             time.sleep(0.02)
         rows = browser.run("document.getElementById('overlaps').innerText").split("\n")
-        assert rows[0] == f"{RIG.names[0]}: anna IoU 0.910, ben IoU 0.910"
+        assert rows[0] == f"{RIG.names[0]}: IoU anna 0.910, ben 0.910"
         assert len(set(browser.run("people.map((each) => each.colour)"))) == 2
         assert browser.told("Runtime.exceptionThrown") == []

@@ -125,7 +125,7 @@ def test_the_same_frames_get_the_same_answers(answers):
         again = []
         for n, masks in enumerate(seen):
             if n not in DROPPED:
-                tracker.step(n, Observation.from_masks(masks))
+                tracker.step(n, masks)
                 again += tracker.smoothed()
         again += tracker.rest()
     for one, other in zip(answers[1][:FRAMES], again, strict=True):
@@ -139,6 +139,6 @@ def test_a_process_that_dies_is_told_of():
     with closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
         tracker._process.kill()
         tracker._process.join()
-        tracker.step(0, Observation.from_masks(seen[0]))
+        tracker.step(0, seen[0])
         with pytest.raises(RuntimeError, match="the process that smooths ended with exit code -9"):
             list(tracker.rest())

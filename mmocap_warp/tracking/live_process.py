@@ -14,8 +14,8 @@ from mmocap_warp.tracking.live import LiveFrame, LiveTracker
 class LiveProcess:
     """A :class:`LiveTracker` in another process, and as that, it is to be closed; its arguments are the same.
 
-    The tracker is made while other work is done: :meth:`wait` before the first frame. What goes wrong in the process
-    is raised here, and a RuntimeError if it ends.
+    The tracker is made while other work is done: :meth:`wait` before the first frame. Arguments that cannot be, and
+    wrong input, are raised here, and a RuntimeError if the process ends.
     """
 
     def __init__(self, *about: Any) -> None:
@@ -75,7 +75,5 @@ def _serve(line: Any, *about: Any) -> None:
                     frame = tracker.step(number, observation)
                     line.send((frame, list(tracker.smoothed())))
                 line.send(list(tracker.rest()))
-        except EOFError:
-            raise
-        except Exception as error:
+        except (TypeError, ValueError) as error:
             line.send(error)

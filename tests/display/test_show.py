@@ -149,7 +149,7 @@ def test_colours_are_those_of_the_masks_overlay():
         Look("ben", TINTS[1]),
         Look("anna", TINTS[0]),
     ]
-    assert _people([(tracked, None)] * 5)[4][0] == Look("person5", TINTS[0])
+    assert _people([(tracked, None)] * 6)[5][0] == Look("person6", TINTS[0])
     assert _people([(ben, scene)]) == []
 
 

@@ -201,7 +201,7 @@ def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
         import zmq
     except ImportError:
         raise missing_package(address, "pyzmq", "read", "live", "give a folder that grows") from None
-    see = _Seeing(scenes, scale)
+    see, names = _Seeing(scenes, scale), scenes[0].calibrated.names
     with zmq.Context() as context, context.socket(zmq.SUB) as socket:
         socket.subscribe(b"")
         socket.connect(address)
@@ -216,9 +216,7 @@ def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
                 number, seen = int(about["frame"]), float(about["time"])
                 yield see(number, seen, [see.decoded(part, address) for part in parts[1:]])
             except (ValueError, KeyError, TypeError, AttributeError) as error:
-                remedy = (
-                    f'send {{"frame": number, "time": seconds}} and an image of each of {scenes[0].calibrated.names}'
-                )
+                remedy = f'send {{"frame": number, "time": seconds}} and an image of each of {names}'
                 raise InputError(address, f"sent what is no frame ({error})", remedy) from None
 
 

@@ -4,6 +4,7 @@ import multiprocessing
 import signal
 from collections.abc import Iterator
 from contextlib import closing, suppress
+from threading import Lock
 from typing import Any
 
 from mmocap_warp.device.resolve import start_quietly
@@ -25,6 +26,7 @@ class LiveProcess:
         self._process.start()
         other_end.close()
         self._smoothed: list[LiveFrame] = []
+        self._turn = Lock()  # Ctrl-C asks for the rest while another thread waits for a step
 
     def wait(self) -> None:
         """Wait until the tracker is made."""
@@ -37,9 +39,10 @@ class LiveProcess:
 
     def step(self, number: int, observation: Observation) -> LiveFrame:
         """See :meth:`LiveTracker.step`; other threads run while this one waits."""
-        self._line.send((number, observation))
-        frame, smoothed = self._receive()
-        self._smoothed += smoothed
+        with self._turn:
+            self._line.send((number, observation))
+            frame, smoothed = self._receive()
+            self._smoothed += smoothed
         return frame  # type: ignore[no-any-return]
 
     def smoothed(self) -> Iterator[LiveFrame]:
@@ -49,8 +52,9 @@ class LiveProcess:
 
     def rest(self) -> Iterator[LiveFrame]:
         """The smoothed answers that are missing, once no frame will come."""
-        self._line.send(None)
-        yield from self._smoothed + self._receive()
+        with self._turn:
+            self._line.send(None)
+            yield from self._smoothed + self._receive()
 
     def _receive(self) -> Any:
         try:

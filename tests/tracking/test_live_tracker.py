@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import cv2
@@ -102,8 +104,14 @@ def test_without_smoothing_there_is_no_second_answer():
 def test_another_process_gives_the_same_answers(answers):
     with closing(LiveProcess(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
         tracker.wait()
-        at_once = [tracker.step(n, seen) for n, seen in enumerate(motion("cpu")[1][: DROPPED[0]])]
-        later = [*tracker.smoothed(), *tracker.rest()]
+        *first, last = enumerate(motion("cpu")[1][: DROPPED[0]])
+        at_once = [tracker.step(n, seen) for n, seen in first]
+        with ThreadPoolExecutor(1) as pool:  # as a thread that waits for a step when Ctrl-C is pressed
+            at_last = pool.submit(tracker.step, *last)
+            while not tracker._turn.locked():
+                time.sleep(0.001)
+            later = list(tracker.rest())
+        at_once.append(at_last.result())
     for one, other in zip(answers[0], at_once, strict=False):
         np.testing.assert_array_equal(one.pose, other.pose)
     assert [frame.number for frame in later] == [*range(DROPPED[0])]

@@ -12,11 +12,9 @@ import multiprocessing
 import sys
 import time
 from collections.abc import Generator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +25,19 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
-from mmocap_warp.commands.caller import start_warp
+from mmocap_warp.commands.caller import Reporter, start_warp
+from mmocap_warp.commands.live_session import Tracked, follow
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.streaming.arrivals import Arrival, newest
-from mmocap_warp.streaming.senders import Packet, open_sender
+from mmocap_warp.streaming.senders import open_sender
 from mmocap_warp.synthesis.footage.made_recording import placed_camera
-from mmocap_warp.tracking.live import LiveFrame, LiveTracker
+from mmocap_warp.tracking.live import LiveTracker
 from mmocap_warp.tracking.live_process import LiveProcess
 from mmocap_warp.tracking.track_config import TrackConfig
 
 ADDRESS = "tcp://127.0.0.1:5557"
 PERIOD = 4.0  # of the walk to and fro [s]
 CIRCLE = 1.3  # radius of that on which several people stand [m]
-KEPT = 1000  # frames whose times are remembered until they are smoothed
 
 
 def listen(told: Any) -> None:
@@ -127,56 +125,35 @@ def main(seconds: float, fps: float, count: int) -> None:
     start_warp()
     people, rig = walkers(count, fps)
 
+    used: list[int] = []  # memory when each frame comes [MB]
+
     def source() -> Generator[Arrival, None, None]:
         begin = 0.0
         for n in range(round(seconds * fps)):
             begin = time.monotonic() - n / fps if n <= 1 else begin  # the clock starts once the first frame is done
             time.sleep(max(0.0, begin + n / fps - time.monotonic()))
+            used.append(memory())
             seen, frame = time.time(), n % len(people[0].masks)
             yield Arrival(n, seen, [Observation.from_masks(p.masks[frame], None, p.hidden[frame]) for p in people])
 
     context = multiprocessing.get_context("spawn")
     told = context.Queue()
     context.Process(target=listen, args=(told,), daemon=True).start()
-    times: dict[int, float] = {}
-    last, dropped, before, lost = 0, 0, 0, 0
-    subjects = {person.name: person.subject for person in people}
+    subjects, kind = {each.name: each.subject for each in people}, LiveProcess if count > 1 else LiveTracker
     with ExitStack() as stack:
         sender = stack.enter_context(closing(open_sender(ADDRESS, subjects, rig, fps)))
-        kind = LiveProcess if count > 1 else LiveTracker
-        trackers = [
-            stack.enter_context(closing(kind(each.subject, rig, fps, TrackConfig(), each.hidden[0] is not None)))
-            for each in people
-        ]
-        for tracker in trackers if count > 1 else ():
-            tracker.wait()
-        tracked = list(zip(people, trackers, strict=True))
-        at_once = ThreadPoolExecutor(count).map if count > 1 else map
-
-        def send(frame: LiveFrame, person: Person, smooth: bool) -> None:
-            seen = times.get(frame.number, arrival.time)
-            sender.send(Packet(frame, person.subject, seen, smooth, dropped, person.name))
-
+        tracked = []
+        for each in people:
+            tracker = kind(each.subject, rig, fps, TrackConfig(), each.hidden[0] is not None)
+            stack.enter_context(closing(tracker))
+            tracked.append(Tracked(each.name, each.subject, tracker, 1 / fps, [sender]))
+        for each in tracked if count > 1 else ():
+            each.tracker.wait()
         gc.freeze()
-        for arrival in newest(source()):
-            dropped += max(0, arrival.number - last - 1)
-            last, times[arrival.number] = arrival.number, arrival.time
-            frames = list(at_once(kind.step, trackers, repeat(arrival.number), arrival.seen))
-            for person, frame in zip(people, frames, strict=True):
-                lost += frame.status[0] == "lost"
-                send(frame, person, False)
-            for person, tracker in tracked:
-                for frame in tracker.smoothed():
-                    send(frame, person, True)
-            before = before or memory()
-            times.pop(arrival.number - KEPT, None)
-        after = memory()
-        for person, tracker in tracked:
-            for frame in tracker.rest():
-                send(frame, person, True)
+        report = follow(tracked, newest(source()), rig.names, Reporter())
         late = told.get()
-    who = f"{len(people)} people, {len(rig)} cameras: {last + 1} frames at {fps:g} a second"
-    print(f"{who}, {dropped} dropped, {lost} answers lost; memory {before} MB at first, {after} in the end")
+    who = f"{len(people)} people, {len(rig)} cameras: {round(seconds * fps)} frames at {fps:g} a second"
+    print(f"{who}, {report.dropped} dropped, {report.lost} lost; memory {used[1]} MB at first, {used[-1]} in the end")
     for smooth, name in enumerate(("at once", "smoothed")):
         delays = 1000 * np.array(late[bool(smooth)])
         half, most, nearly_all, all_of_them = np.percentile(delays, [50, 90, 99, 100])

@@ -117,7 +117,7 @@ def live(
                 hears.append(stack.enter_context(closing(GrowingResult(files[name], *about))))
             with arguments_checked():
                 tracker = (LiveProcess if len(scenes) > 1 else LiveTracker)(*about, scenes[name].has_others)
-            people.append(_Person(name, known, stack.enter_context(closing(tracker)), 1 / rate, hears))
+            people.append(Tracked(name, known, stack.enter_context(closing(tracker)), 1 / rate, hears))
         with arguments_checked():
             for each in people:
                 if isinstance(each.tracker, LiveProcess):
@@ -126,7 +126,7 @@ def live(
         gc.collect()
         stack.callback(gc.unfreeze)
         gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
-        report = _track(people, coming, rig.names, reporter)
+        report = follow(people, coming, rig.names, reporter)
     if record is not None:
         _write_all(Path(record), files)
     return report
@@ -168,7 +168,7 @@ def _write_all(record: Path, files: dict[str, Path]) -> None:
 
 
 @dataclass
-class _Person:
+class Tracked:
     """One who is tracked, and who hears of it."""
 
     name: str
@@ -195,8 +195,8 @@ class _Person:
             each.send(packet)
 
 
-def _track(people: list[_Person], coming: Iterator[Arrival], cameras: Sequence[str], reporter: Reporter) -> LiveReport:
-    """Track what is coming."""
+def follow(people: list[Tracked], coming: Iterator[Arrival], cameras: Sequence[str], reporter: Reporter) -> LiveReport:
+    """Track people in what is coming from cameras of these names, until it ends or Ctrl-C is pressed."""
     report, last, silent = LiveReport(), None, set[str]()
     delays = deque[float](maxlen=_DELAYS)
     at_once = ThreadPoolExecutor(len(people)).map if len(people) > 1 else map

@@ -89,7 +89,7 @@ def _cells(words: np.ndarray) -> np.ndarray:
 
 
 def _meet(cells: np.ndarray, other_cells: np.ndarray, mask: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two masks (height, width) bool are as near to each other as their faults may be large."""
+    """Whether two masks (height, width) bool, of these cells, are as near to each other as their faults are large."""
     if (cells & other_cells).any():
         return True
     if not (cv2.dilate(cells, np.ones((3, 3), np.uint8)) & other_cells).any():

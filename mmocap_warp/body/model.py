@@ -131,7 +131,7 @@ class BodyModel:
         body = self.with_rest(self.skin.rest * by, self.joint_rest * by, by)
         return replace(body, skeleton=self.skeleton.in_unit(unit))
 
-    def with_rest(self, rest: np.ndarray, joint_rest: np.ndarray, scale: np.float32) -> BodyModel:
+    def with_rest(self, rest: np.ndarray, joint_rest: np.ndarray, scale: np.float32 | np.ndarray) -> BodyModel:
         """The body with other bind places (vertex, 3) and (joint, 3) float32 [m], and its shape targets scaled."""
         return replace(
             self,

@@ -110,27 +110,14 @@ def resized(body: BodyModel, segments: Mapping[str, Sequence[float]]) -> BodyMod
     vertex = (weight[..., None] * moved).sum(axis=1) / weight.sum(axis=1, keepdims=True)
     # The feet stay on the floor.
     floor = (0.0, vertex[:, 1].min() - skin.rest[:, 1].min(), 0.0)
-    return replace(
-        body,
-        joint_rest=(place - floor).astype(np.float32),
-        skin=replace(skin, rest=(vertex - floor).astype(np.float32)),
-        shape_names=(),
-        shape_vertex=np.zeros((0, *vertex.shape), np.float32),
-        shape_joint=np.zeros((0, *rest.shape), np.float32),
-    )
+    unshaped = replace(body, shape_names=(), shape_vertex=body.shape_vertex[:0], shape_joint=body.shape_joint[:0])
+    return unshaped.with_rest((vertex - floor).astype(np.float32), (place - floor).astype(np.float32), np.float32(1))
 
 
 def stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) -> BodyModel:
     """A body with a new name, ``stretch`` times as wide, tall and deep; its joints keep their axes."""
     factors = np.array(stretch, np.float32)
-    return replace(
-        body,
-        name=name,
-        joint_rest=body.joint_rest * factors,
-        skin=replace(body.skin, rest=body.skin.rest * factors),
-        shape_vertex=body.shape_vertex * factors,
-        shape_joint=body.shape_joint * factors,
-    )
+    return replace(body.with_rest(body.skin.rest * factors, body.joint_rest * factors, factors), name=name)
 
 
 _ANGLE_ERROR = np.radians(1.5)  # standard deviation of the angles with which tracking starts

@@ -119,6 +119,34 @@ def test_a_way_back_that_goes_astray_is_left_though_it_costs_less_for_a_while():
     assert clip.error(revised).max() < 1e-6
 
 
+def test_where_solving_went_astray_the_tracked_poses_come_back():
+    clip, frames = TwoBasins(np.full(FRAMES, 1.2)), np.arange(FRAMES)
+    solved = clip.other.where(np.isin(frames, ASTRAY), clip.truth)
+    contour = clip.linearise(frames, solved)
+    returned = clip.backward.returned(frames, solved, contour, clip.truth, clip.rooting.none)
+    assert clip.error(returned).max() == 0.0
+    # Two frames gain less than what a frame costs, and a tracked pose that is no better is left.
+    briefly = clip.other.where(np.isin(frames, ASTRAY[:2]), clip.truth)
+    contour = clip.linearise(frames, briefly)
+    assert clip.backward.returned(frames, briefly, contour, clip.truth, clip.rooting.none) is briefly
+    contour = clip.linearise(frames, clip.truth)
+    assert clip.backward.returned(frames, clip.truth, contour, solved, clip.rooting.none) is clip.truth
+
+
+def test_a_clip_whose_solution_went_astray_has_tracked_poses_and_their_contours():
+    clip = TwoBasins(np.full(FRAMES, 1.2))
+
+    class Astray(ClipProblem):
+        def solved_together(self, frames, rooted, held, passes):
+            wrong = clip.other.where(np.isin(frames, ASTRAY), clip.truth)
+            return wrong, self.linearise(frames, wrong)
+
+    problem = Astray(clip.linearise, clip.rooting, clip.points, RATE, clip.backward)
+    (window,) = problem.windows(clip.truth)
+    assert clip.error(window.rooted).max() < 1e-6
+    np.testing.assert_array_equal(window.contour.cost, clip.linearise(np.arange(FRAMES), clip.truth).cost)
+
+
 def test_an_answer_whose_limb_has_no_outline_is_not_taken():
     """Contours alone prefer a limb that hides in the trunk; the mask that it leaves uncovered tells."""
     clip = TwoBasins(leaving_slowly(), -20.0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
-from mmocap_warp.contour.frame.normal_equations import LineariseFrames
+from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 DescendFrames = Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarray]]
@@ -72,9 +72,7 @@ class BackwardPass:
     uncovered: UncoveredMask | None = None  # tells of limbs that masks show and the body does not; None to do without
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
-        """For each frame the pose known, the one found on the way back, or a bridge over leaps on that way.
-
-        The sequence is taken that costs least.
+        """For each frame the pose known, the one found on the way back, or a bridge over leaps: what costs least.
 
         Only a different answer counts, in which a joint is elsewhere, and only in a stretch of frames that gains more
         by contours and areas than a frame's contours cost. Where there is none, ``known`` itself is returned.
@@ -105,29 +103,62 @@ class BackwardPass:
         if across.any():
             different |= across
             answers.append(bridged)
+        return self._least_costly(frames, known, answers, different, contour, cost, held)
 
-        # Each frame costs what its contours and its areas cost; jumps between the answers cost too.
-        costs = np.zeros((len(answers), len(held) + len(frames)))
-        costs[0, len(held) :] = cost
-        for row, poses in zip(costs[1:], answers[1:], strict=True):
-            row[len(held) :] = self.linearise(frames, poses).cost
-        costs[:, len(held) + np.flatnonzero(different)] += self._area_costs(frames, answers, different, cost)
-        if self.uncovered:
-            self._add_uncovered(self.uncovered, frames, answers, np.flatnonzero(different), costs[:, len(held) :])
+    def returned(
+        self, frames: np.ndarray, solved: RootedPoses, contour: NormalEquations, tracked: RootedPoses, held: RootedPoses
+    ) -> RootedPoses:
+        """The poses of frames that were solved together, or the tracked ones in stretches where these cost less.
+
+        Solving may lead astray where an arm has hardly any outline. Without such a stretch, it is ``solved`` itself.
+        """
+        different = self._differ(solved, tracked) & contour.observed
+        if not different.any():
+            return solved
+        answers = [solved, tracked.where(different, solved)]
+        return self._least_costly(frames, solved, answers, different, contour, contour.cost, held)
+
+    def _least_costly(
+        self,
+        frames: np.ndarray,
+        known: RootedPoses,
+        answers: Sequence[RootedPoses],
+        different: np.ndarray,
+        contour: NormalEquations,
+        cost: np.ndarray,
+        held: RootedPoses,
+    ) -> RootedPoses:
+        """For each frame the answer with which all cost least, jumps between them too; for the first, what is known.
+
+        They are asked where they are ``different`` (frame,). The first costs ``cost`` (frame,) by contours. It stays in
+        a stretch that gains less than what a frame usually costs by ``contour``.
+        """
+        costs, seen = self._cost(frames, answers, np.flatnonzero(different), cost), contour.observed
         courses = (held.followed_by(poses.interpolated(seen)) for poses in answers)
         place = np.stack([places_by_acceleration(self.points, poses, self.rate) for poses in courses])
-        chosen = least_costly(costs, place)[len(held) :] * different
-
-        # A stretch that gains too little keeps what was known.
+        chosen = least_costly(np.pad(costs, ((0, 0), (len(held), 0))), place)[len(held) :] * different
         least_gain = np.median(contour.cost[seen])
         for stretch in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(chosen > 0)) + 1):
-            gain = costs[0, len(held) + stretch].sum() - costs[chosen[stretch], len(held) + stretch].sum()
-            chosen[stretch] *= gain > least_gain
-        if not chosen.any():
-            return known
+            chosen[stretch] *= costs[0, stretch].sum() - costs[chosen[stretch], stretch].sum() > least_gain
         for number, poses in enumerate(answers[1:], 1):
-            known = poses.where(chosen == number, known)
+            known = poses.where(chosen == number, known) if (chosen == number).any() else known
         return known
+
+    def _cost(self, frames: np.ndarray, answers: Sequence[RootedPoses], at: np.ndarray, cost: np.ndarray) -> np.ndarray:
+        """What answers cost (answer, frame), which differ ``at`` some frames; the first one's contours ``cost``."""
+        costs = np.tile(cost, (len(answers), 1))
+        for row, poses in zip(costs[1:], answers[1:], strict=True):
+            row[at] = self.linearise(frames[at], poses[at]).cost
+        # Areas are scaled so that the first answer's weigh as much as its contours.
+        areas = np.stack([self.areas(frames[at], poses[at], None) for poses in answers])
+        costs[:, at] += areas * (cost[at].sum() / max(areas[0].sum(), _NO_AREA))
+        # An answer that leaves masks uncovered costs more where one leaves enough for a doubt.
+        if self.uncovered:
+            for f in at.tolist():
+                there, *others = (poses[f : f + 1] for poses in answers)
+                area = self.uncovered.area(int(frames[f]), there.followed_by(*others))
+                costs[:, f] *= 1.0 + _UNCOVERED_COST * area * (area.max() >= 1.0)
+        return costs
 
     def _bridged(self, way: RootedPoses, seen: np.ndarray) -> tuple[RootedPoses, np.ndarray]:
         """The way with limbs that leap away and soon back going straight on instead, and in which frames (frame,)."""
@@ -145,28 +176,6 @@ class BackwardPass:
             pose[:, limb] = way.interpolated(seen & ~away).pose[:, limb]
             across |= away & seen
         return RootedPoses(way.base, np.where(across[:, None], pose, way.pose)), across
-
-    def _area_costs(
-        self, frames: np.ndarray, answers: Sequence[RootedPoses], different: np.ndarray, cost: np.ndarray
-    ) -> np.ndarray:
-        """What areas cost (answer, frame), scaled so that the first answer's weigh as much as its contours (frame,)."""
-        areas = np.stack([self.areas(frames[different], poses[different], None) for poses in answers])
-        return np.asarray(areas * (cost[different].sum() / max(areas[0].sum(), _NO_AREA)))
-
-    def _add_uncovered(
-        self,
-        uncovered: UncoveredMask,
-        frames: np.ndarray,
-        answers: Sequence[RootedPoses],
-        different: np.ndarray,
-        costs: np.ndarray,
-    ) -> None:
-        """Let answers that leave masks uncovered cost more (answer, frame), where one leaves enough for a doubt."""
-        for at in different:
-            poses = answers[0][at : at + 1].followed_by(*(other[at : at + 1] for other in answers[1:]))
-            area = uncovered.area(int(frames[at]), poses)
-            if area.max() >= 1.0:
-                costs[:, at] *= 1.0 + _UNCOVERED_COST * area
 
     def _differ(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
         """(frame,) bool: whether a joint is in another place."""

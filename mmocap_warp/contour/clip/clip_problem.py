@@ -96,6 +96,10 @@ class ClipProblem:
                 if revised is not known:
                     rooted = revised
                     solved, contour = self.solved_together(frames, rooted[:count], held, passes)
+                tracked = self.rooting.refold(course[first:last])
+                returned = self.backward.returned(frames, solved, contour, tracked, held)
+                if returned is not solved:
+                    solved, contour = returned, self.linearise(frames, returned)
             # Its end is solved once more with the frames that follow.
             final = count
             if last < len(course):

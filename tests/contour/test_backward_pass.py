@@ -119,18 +119,37 @@ def test_a_way_back_that_goes_astray_is_left_though_it_costs_less_for_a_while():
     assert clip.error(revised).max() < 1e-6
 
 
-def test_where_solving_went_astray_the_tracked_poses_come_back():
-    clip, frames = TwoBasins(np.full(FRAMES, 1.2)), np.arange(FRAMES)
-    solved = clip.other.where(np.isin(frames, ASTRAY), clip.truth)
+def returned(clip: TwoBasins, astray, uncovered=None) -> np.ndarray:
+    """(frame,) bool, where a solution is wrong that went astray in some frames, after the tracked poses were asked."""
+    frames = np.arange(FRAMES)
+    solved = clip.other.where(np.isin(frames, astray), clip.truth)
     contour = clip.linearise(frames, solved)
-    returned = clip.backward.returned(frames, solved, contour, clip.truth, clip.rooting.none)
-    assert clip.error(returned).max() == 0.0
-    # Two frames gain less than what a frame costs, and a tracked pose that is no better is left.
-    briefly = clip.other.where(np.isin(frames, ASTRAY[:2]), clip.truth)
-    contour = clip.linearise(frames, briefly)
-    assert clip.backward.returned(frames, briefly, contour, clip.truth, clip.rooting.none) is briefly
-    contour = clip.linearise(frames, clip.truth)
-    assert clip.backward.returned(frames, clip.truth, contour, solved, clip.rooting.none) is clip.truth
+    backward = replace(clip.backward, uncovered=uncovered)
+    answer = backward.returned(frames, solved, contour, clip.truth, clip.rooting.none)
+    wrong = clip.error(answer) > 0.0
+    assert (answer is solved) == np.array_equal(np.flatnonzero(wrong), astray)
+    return wrong
+
+
+def test_where_solving_went_astray_the_tracked_poses_come_back():
+    clip = TwoBasins(np.full(FRAMES, 1.2))
+    assert not returned(clip, ASTRAY).any()
+    # A stretch that gains less than what a frame costs is left, also beside one that gains more.
+    assert np.flatnonzero(returned(clip, ASTRAY[:2])).tolist() == [*ASTRAY[:2]]
+    assert np.flatnonzero(returned(clip, [*ASTRAY, 32, 33])).tolist() == [32, 33]
+    clip.extra[1] = -40.0
+    assert np.flatnonzero(returned(clip, ASTRAY)).tolist() == [*ASTRAY]
+
+
+@pytest.mark.parametrize(("area", "frames", "comes_back"), [(0.9, 12, False), (1.0, 2, False), (1.0, 12, True)])
+def test_what_a_solution_leaves_uncovered_counts_if_it_makes_a_doubt(area, frames, comes_back):
+    clip = TwoBasins(np.full(FRAMES, 1.2), 0.0)
+
+    class Uncovered:
+        def area(self, frame, rooted):
+            return area * clip.nearest(np.full(len(rooted), frame), rooted)
+
+    assert returned(clip, ASTRAY[:frames], Uncovered()).any() != comes_back
 
 
 def test_a_clip_whose_solution_went_astray_has_tracked_poses_and_their_contours():

@@ -49,8 +49,7 @@ def bind_pose_turns(body: BodyModel, weight: np.ndarray | None = None) -> BindPo
         for axis in np.eye(3)[: 1 if in_plane else 3]:
             skin, centre = np.zeros_like(rest), np.zeros_like(place)
             for joint, about in zip(group, (axis, axis * _REFLECTED), strict=False):
-                follows = weight[:, below[joint]].sum(axis=1)
-                skin += follows[:, None] * np.cross(about, rest - place[joint])
+                skin += weight[:, below[joint]].sum(axis=1)[:, None] * np.cross(about, rest - place[joint])
                 centre[below[joint]] += np.cross(about, place[below[joint]] - place[joint])
             sigma.append(_TURN * thick[first] / length[first])
             turned.append(skin)

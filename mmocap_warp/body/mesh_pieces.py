@@ -68,5 +68,4 @@ def is_closed(face: np.ndarray) -> bool:
     """Whether every edge joins exactly two of the faces (face, corner), which run along it in opposite senses."""
     edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2)
     edge, count = np.unique(edge, axis=0, return_counts=True)
-    backward = np.unique(edge[:, ::-1], axis=0)
-    return bool((count == 1).all() and np.array_equal(edge, backward))
+    return bool((count == 1).all() and np.array_equal(edge, np.unique(edge[:, ::-1], axis=0)))

@@ -1,5 +1,7 @@
 """Which joints and vertices of a body are each other's mirror image: left and right across the root, along X."""
 
+import re
+
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
@@ -26,8 +28,7 @@ def mirrored_joints(body: BodyModel) -> dict[str, tuple[int, ...]]:
     rest = body.joint_rest.astype(np.float64) - body.joint_rest[0]
     near = _JOINT_TOLERANCE * np.ptp(rest, axis=0).max()
     for left, joint in enumerate(skeleton.joints):
-        others = [skeleton.joints.index(name) for name in _other_side(joint) if name in skeleton.joints]
-        for right in others:
+        for right in (skeleton.joints.index(name) for name in _other_side(joint) if name in skeleton.joints):
             apart = np.linalg.norm(rest[left] * _MIRROR - rest[right])
             if left not in mirrored and right not in mirrored and apart <= near:
                 mirrored |= dict.fromkeys((left, right), (left, right))
@@ -37,13 +38,8 @@ def mirrored_joints(body: BodyModel) -> dict[str, tuple[int, ...]]:
 
 def _other_side(joint: str) -> list[str]:
     """Names that a left joint's mirror image may have."""
-    names = []
-    for left, right in _SIDES:
-        if joint.startswith(left):
-            names.append(right + joint.removeprefix(left))
-        if joint.endswith(left):
-            names.append(joint.removesuffix(left) + right)
-    return names
+    turned = ((re.sub(rf"\A{left}", right, joint), re.sub(rf"{left}\Z", right, joint)) for left, right in _SIDES)
+    return [name for names in turned for name in names if name != joint]
 
 
 def mirrored_weights(body: BodyModel) -> np.ndarray:
@@ -67,8 +63,7 @@ def mirrored_weights(body: BodyModel) -> np.ndarray:
     mirror = _nearest(own, image, 2 * near)
     apart = np.linalg.norm(rest[mirror] - rest * _MIRROR, axis=1)
     has_image = (apart <= near) & (mirror[mirror] == np.arange(len(mirror)))
-    mean = (weight + weight[mirror][:, across]) / 2
-    return np.where(has_image[:, None], mean, weight)
+    return np.where(has_image[:, None], (weight + weight[mirror][:, across]) / 2, weight)
 
 
 def _nearest(points: np.ndarray, places: np.ndarray, reach: float) -> np.ndarray:

@@ -82,10 +82,8 @@ class BodyModel:
     @cached_property
     def rest_transforms(self) -> np.ndarray:
         """(joint, 4, 4) float64: parent from joint in the bind pose; the root's is body space from root."""
-        bind = bind_transforms(self)
-        return np.stack(
-            [m if p < 0 else np.linalg.inv(bind[p]) @ m for m, p in zip(bind, self.skeleton.parent, strict=True)]
-        )
+        bind, above = bind_transforms(self), list(self.skeleton.parent[1:])
+        return np.concatenate([bind[:1], np.linalg.inv(bind[above]) @ bind[1:]])
 
     @cached_property
     def tracking(self) -> SkinMesh:
@@ -221,8 +219,7 @@ def joint_transforms(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np
     slides, own = subject.body.skeleton.slides, pose[:, TRANSLATION:].reshape(len(pose), -1, 3)
     for number in np.flatnonzero(slides):
         local[:, number, :3, 3] += applied(local[:, number, :3, :3], own[:, number])
-    turned = zyx_rotation(np.where(slides[:, None], 0.0, own))
-    local[..., :3, :3] = local[..., :3, :3] @ turned
+    local[..., :3, :3] = local[..., :3, :3] @ zyx_rotation(np.where(slides[:, None], 0.0, own))
     world = local.copy()
     for joint, parent in enumerate(subject.body.skeleton.parent):
         if parent >= 0:

@@ -82,8 +82,7 @@ class Poser:
         from mmocap_warp.kernels.body.skinning import skin
 
         joints = self._pose(pose)
-        shape = (joints.transform.shape[0], self._full.rest.shape[1])
-        posed = wp.empty(shape, dtype=wp.vec3, device=self._device)
+        posed = wp.empty((joints.transform.shape[0], self._full.rest.shape[1]), dtype=wp.vec3, device=self._device)
         skin(self._full, joints, posed)
         return np.asarray(posed.numpy())
 

@@ -91,8 +91,7 @@ class RestSpace:
         alone: dict[str, tuple[int, ...]] = {name: (joints.index(name),) for pair in pairs for name in pair}
         columns: dict[str, _Column] = {}
         if alone and not body.rigid:
-            of_each = *_bones(body, alone, self.weight), *_girths(body, alone, self.weight)
-            columns = {one.name: one for one in of_each}
+            columns = {one.name: one for one in (*_bones(body, alone, self.weight), *_girths(body, alone, self.weight))}
         both = [[columns.get(f"{kind}.{name}") for name in pair] for kind in ("bone", "girth") for pair in pairs]
         two_sided = [(left, right) for left, right in both if left and right]
         return (

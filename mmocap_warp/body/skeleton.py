@@ -168,10 +168,7 @@ class Skeleton:
     @cached_property
     def depth(self) -> np.ndarray:
         """(joint,) int, how many joints lie above each."""
-        depth: list[int] = []
-        for parent in self.parent:
-            depth.append(0 if parent < 0 else depth[parent] + 1)
-        return np.array(depth)
+        return self.below.sum(axis=0) - 1
 
     @cached_property
     def below(self) -> np.ndarray:
@@ -211,10 +208,8 @@ class Skeleton:
 
     def side(self, joint: str) -> str:
         """``left``, ``right``, or ``middle`` for a joint that has no mirror image, in the skeleton's pairs."""
-        for _, left, right in self.pairs:
-            if joint in (left, right):
-                return "left" if joint == left else "right"
-        return "middle"
+        sides = {name: side for _, *pair in self.pairs for name, side in zip(pair, ("left", "right"), strict=True)}
+        return sides.get(joint, "middle")
 
     def searched(self, model: int | None = None) -> np.ndarray:
         """Coordinates that a model searches, (dof,) int32, ascending.
@@ -251,8 +246,7 @@ class Skeleton:
             ValueError: no such model.
         """
         index = self.searched(model)
-        joint = np.maximum((index - TRANSLATION) // 3, 0)  # the translation goes with the root
-        part = np.asarray(self.part)[joint]
+        part = np.asarray(self.part)[np.maximum((index - TRANSLATION) // 3, 0)]  # the translation goes with the root
         return {name: index[part == i] for i, name in enumerate(self.parts) if (part == i).any()}
 
     def moved_by(self, index: np.ndarray) -> np.ndarray:

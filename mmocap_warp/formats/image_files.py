@@ -31,10 +31,8 @@ def write_png(path: str | Path, image: np.ndarray) -> None:
 
 def encode_png(image: np.ndarray) -> bytes:
     """What :func:`write_png` writes; a ValueError for an image that PNG cannot hold."""
-    if image.dtype == bool:
-        good, data = cv2.imencode(".png", image.astype(np.uint8) * 255, _MASK_SETTINGS)
-    else:
-        good, data = cv2.imencode(".png", image)
+    picture, settings = (image.astype(np.uint8) * 255, _MASK_SETTINGS) if image.dtype == bool else (image, [])
+    good, data = cv2.imencode(".png", picture, settings)
     if not good:
         raise ValueError(f"image of shape {image.shape} and type {image.dtype} cannot be encoded")
     return data.tobytes()

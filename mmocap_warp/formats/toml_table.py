@@ -145,8 +145,7 @@ class Table:
             return default
         value = self._values.pop(key)
         length = " or ".join(map(str, count))
-        good = isinstance(value, list) and len(value) in count
-        if not good or not all(map(is_number, value)):
+        if not (isinstance(value, list) and len(value) in count and all(map(is_number, value))):
             raise self.error(f"{key} = {value!r} is not {length} numbers", f"give a list of {length} numbers")
         if not all(math.isfinite(v) for v in value):
             raise self.error(f"{key} holds a value that is not finite", "give ordinary numbers")
@@ -180,8 +179,7 @@ class Table:
             return
         key = next(iter(self._values))
         near = difflib.get_close_matches(key, self._known, 1, 0.4)
-        known = ", ".join(dict.fromkeys(self._known))
-        remedy = f"did you mean '{near[0]}'?" if near else f"known keys: {known}"
+        remedy = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(dict.fromkeys(self._known))}"
         raise self.error(f"unknown key '{key}'", remedy)
 
 

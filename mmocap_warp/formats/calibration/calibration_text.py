@@ -1,5 +1,6 @@
 """Reading a calibration's text, and what the text may leave open: the unit of lengths and the images' sizes."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,6 +15,14 @@ MOST_BYTES = 2**20
 def read_short_text(path: str | Path, kind: str, most: int = MOST_BYTES) -> str:
     """A file's text; ``kind`` says what it should be, for the remedy."""
     return read_text(path, f"give {kind}", missing=f"give {kind}", most=most)
+
+
+def number_of(text: object) -> float:
+    """The number that a text is; NaN where it is none to Python, such as YAML's .nan and .inf."""
+    try:
+        return float(text) if isinstance(text, str) else math.nan
+    except ValueError:
+        return math.nan
 
 
 def stated_metres(units: str | None, source: object) -> float:

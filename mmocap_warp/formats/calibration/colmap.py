@@ -101,8 +101,7 @@ def _lines(path: Path, points: bool = False) -> list[str]:
     """Lines that are no comment. Of images, every second one lists points, and may be empty."""
     kept: list[str] = []
     for line in read_short_text(path, _KIND, _MAX_BYTES).splitlines():
-        expected = points and len(kept) % 2 == 1
-        if expected or (line.strip() and not line.lstrip().startswith("#")):
+        if (points and len(kept) % 2 == 1) or (line.strip() and not line.lstrip().startswith("#")):
             kept.append(line)
     return kept
 

@@ -15,7 +15,7 @@ import yaml
 
 from mmocap_warp.cameras.rig import METRES, Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of, read_short_text
+from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of, number_of, read_short_text
 from mmocap_warp.whole_file import write_whole
 
 _DTYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
@@ -89,7 +89,7 @@ class _File:
 
     def number(self, key: str) -> int:
         """A whole number from 1 to a million."""
-        value = _number(self._entries[key])
+        value = number_of(self._entries[key])
         if not 1 <= value <= 1e6:
             raise InputError(self.path, f"{key} = {self._entries[key]!r} is no size", "give the image size in pixels")
         return int(value)
@@ -99,23 +99,15 @@ class _File:
         entry = self._entries.get(key)
         entry = entry if isinstance(entry, dict) else {}
         data, kind = entry.get("data"), str(entry.get("dt", "")).lstrip("1")
-        stated = _number(entry.get("rows")) * _number(entry.get("cols"))
+        stated = number_of(entry.get("rows")) * number_of(entry.get("cols"))
         if not isinstance(data, list) or len(data) not in count or len(data) != stated or kind not in _DTYPES:
             length = " or ".join(map(str, count))
             raise InputError(self.path, f"{key} is not a matrix of {length} numbers", f"add {key}")
-        values = [_number(value) for value in data]
+        values = [number_of(value) for value in data]
         if not np.isfinite(values).all():
             raise InputError(self.path, f"{key} holds a value that is not finite", "calibrate again or export again")
         with np.errstate(over="ignore"):  # a number too large for its type, which the rig's checks tell
             return np.array(values).astype(_DTYPES[kind]).astype(np.float64)
-
-
-def _number(text: Any) -> float:
-    """The number that a text is; NaN where it is none, or one that is not finite."""
-    try:
-        return float(text) if isinstance(text, str) else np.nan
-    except ValueError:  # YAML's .nan and .inf, too
-        return np.nan
 
 
 def _read_lens(intrinsics: _File, name: str, sizes: Sizes) -> Camera:

@@ -10,7 +10,7 @@ from defusedxml.ElementTree import fromstring
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES, Sizes
+from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES, Sizes, number_of
 from mmocap_warp.whole_file import read_bytes
 
 _SUBPIXELS = 64.0  # focal lengths and centres are written in 1/64 px; distortion coefficients are not scaled
@@ -41,11 +41,7 @@ def _read_camera(camera: Element, path: str | Path) -> Camera:
         text = None if node is None else node.get(attribute)
         if text is None:
             raise InputError(where, f"<{element} {attribute}=...> is missing", "export the calibration again")
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
+        if not math.isfinite(value := number_of(text)):
             raise InputError(where, f"{attribute} = {text!r} is not a number", "export the calibration again")
         return value
 

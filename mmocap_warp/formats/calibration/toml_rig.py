@@ -76,8 +76,7 @@ def _take_camera(table: Table, name: str, metres: float | None) -> Camera:
     lens = lens_of(name, K, (int(width), int(height)), coefficients, fisheye)
     if metres is None:
         return lens
-    translation = np.array(_take_flat(table, "translation", (3,)))
-    return lens._replace(R=_take_rotation(table), t=translation * metres)
+    return lens._replace(t=np.array(_take_flat(table, "translation", (3,))) * metres, R=_take_rotation(table))
 
 
 def write_toml_rig(path: str | Path, rig: CameraRig, offsets: dict[str, float] | None = None) -> None:

@@ -43,8 +43,7 @@ def read_3dhp(root: Path, subject: str, sequence: str) -> DatasetScene:
     videos = {
         video.stem: video for video in dataset_scene.find_files(folder / "imageSequence", "video_*.avi", "the videos")
     }
-    path = folder / "camera.calibration"
-    rig = _read_rig(path, videos)
+    rig = _read_rig(folder / "camera.calibration", videos)
     _, fps, frames = dataset_scene.open_videos([videos[name] for name in rig.names])
     masks = [folder / "FGmasks" / videos[name].name for name in rig.names]
     files, notes, masked = [CameraFiles(videos[name]) for name in rig.names], [], all(map(Path.is_file, masks))
@@ -91,8 +90,7 @@ def _read_camera(values: dict[str, list[str]], name: str, where: str) -> Camera:
 
 def _read_truth(path: Path, rig: CameraRig, fps: float, frames: int) -> Truth:
     """The joints as the first camera has them, in the world; others have the same within a few millimetres."""
-    content = dataset_scene.read_mat(path)
-    cells = content.get("annot3")
+    cells = dataset_scene.read_mat(path).get("annot3")
     number = int(rig.names[0].rpartition("_")[2])
     if not isinstance(cells, (list, np.ndarray)) or len(cells) <= number:
         raise InputError(path, f"has no annot3 of camera {number}", REMEDY)

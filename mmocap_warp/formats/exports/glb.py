@@ -85,7 +85,7 @@ def _write(people: Mapping[str, _Moving], about: dict[str, Any], path: Path) -> 
         bones = {name: {"node": skeleton.index(name)} for name in RIGS["vrm"].names.values() if name in skeleton.joints}
         if len(bones) == len(RIGS["vrm"].names) and not person:  # those who play it ask the nodes for the rest pose
             human = bones
-            stand = np.concatenate([bind[:1], np.linalg.inv(bind[list(skeleton.parent[1:])]) @ bind[1:]])
+            stand = body.rest_transforms
         inverse_bind = np.linalg.inv(bind)
         inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
         inverse = buffer.add(inverse_bind.transpose(0, 2, 1), "MAT4")  # by columns
@@ -95,8 +95,7 @@ def _write(people: Mapping[str, _Moving], about: dict[str, Any], path: Path) -> 
             nodes.append({"name": person, "children": [first]})
         roots += [len(nodes) - 1 if person else first, first + joints]
         meshes.append({"name": body.name, "primitives": [skin]})
-        numbers = list(range(first, first + joints))
-        skins.append({"joints": numbers, "skeleton": first, "inverseBindMatrices": inverse})
+        skins.append({"joints": [*range(first, first + joints)], "skeleton": first, "inverseBindMatrices": inverse})
         for clip in clips:  # what has one name is played together
             motion = motions.setdefault(clip.name, {"name": clip.name, "samplers": [], "channels": []})
             _animate(motion, clip, skeleton.slides, buffer, first)

@@ -103,8 +103,7 @@ def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: 
         f"HumanEva-I, {name}, trial 1, written by mmocap dataset.",
         f"Frame 0 is frame {begin} of HumanEva's own numbers.",
     )
-    frames = end - begin + 1
-    return DatasetScene(about, name, rig, FPS, frames, tuple(cameras), truth, tuple(notes), _FOREGROUND)
+    return DatasetScene(about, name, rig, FPS, end - begin + 1, tuple(cameras), truth, tuple(notes), _FOREGROUND)
 
 
 def _entries(folder: Path) -> dict[str, Path]:

@@ -49,8 +49,7 @@ def markers_at(tracks: PointTracks, position: np.ndarray) -> np.ndarray:
     """
     names = (name if name in tracks.names else _OTHER_NAMES.get(name, name) for name in MARKERS)
     markers = interpolate_frames(point_positions(tracks, *names), position)
-    valid = np.isfinite(markers).all(axis=(1, 2))
-    return np.where(valid[:, None, None], markers, np.nan)
+    return np.where(np.isfinite(markers).all(axis=(1, 2), keepdims=True), markers, np.nan)
 
 
 def interpolate_frames(values: np.ndarray, position: np.ndarray) -> np.ndarray:

@@ -150,8 +150,7 @@ def _read_character(document: _Document, path: Path, character: str | None) -> r
         # Where no skin follows a joint, some exporters write no bind transform: the identity, which is not used.
         known = {j: own[j] for j in own if joint_of[j] in followed or np.abs(own[j] - np.eye(4)).max() > 1e-6} or own
         in_order = [joints[joint] for joint in order if joints[joint] in known]
-        own_bind = np.stack([known[joint] for joint in in_order])
-        scene = _scene_from_bind(own_bind, rest[in_order], rest[of_skin[0][0]])
+        scene = _scene_from_bind(np.stack([known[joint] for joint in in_order]), rest[in_order], rest[of_skin[0][0]])
         for joint, matrix in known.items():
             bind.setdefault(joint, scene @ matrix)
         parts += [part._replace(vertex=part.vertex @ scene[:3, :3].T + scene[:3, 3]) for part in read]

@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError, input_errors, missing_package
 from mmocap_warp.formats.rigged.part_meshes import named_file, plain_xml, solid
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, chosen_character, rigid_skin
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, chosen_character, rigid_skin, robot
 from mmocap_warp.whole_file import read_bytes
 
 _REMEDY = "give an MJCF file that MuJoCo opens"
@@ -142,19 +142,9 @@ def _read_robot(model: Any, name: str, path: Path, character: str | None) -> Rig
     bind = np.tile(np.eye(4), (len(names), 1, 1))
     bind[:, :3, :3], bind[:, :3, 3] = np.reshape(turn, (-1, 3, 3)), place
     follow = [model.joint(joint).name for joint in model.eq_obj1id]
-    return RiggedMesh(
-        name=name,
-        joints=tuple(names),
-        parent=tuple(parent),
-        bind=bind,
-        **_read_geometry(model, data, number, path)._asdict(),
-        up="+z",
-        facing="+x",
-        axes=axes,
-        rigid=True,
-        roams=base in roams,
-        notes=(f"{', '.join(follow)} follow other joints there: free here",) if follow else (),
-    )
+    notes = (f"{', '.join(follow)} follow other joints there: free here",) if follow else ()
+    skin = _read_geometry(model, data, number, path)
+    return robot(name, names, parent, bind, skin, axes=axes, roams=base in roams, notes=notes)
 
 
 def _read_geometry(model: Any, data: Any, number: dict[int, int], path: Path) -> Skin:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -115,6 +115,11 @@ def rigid_skin(parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray,
             for vertex, face, turn, place, joint in parts
         ]
     )
+
+
+def robot(name: str, joints: list[str], parent: list[int], bind: np.ndarray, skin: Skin, **more: Any) -> RiggedMesh:
+    """A robot in the axes that its formats have, +Z up and +X ahead; ``more`` are further fields of the mesh."""
+    return RiggedMesh(name, tuple(joints), tuple(parent), bind, *skin, up="+z", facing="+x", rigid=True, **more)
 
 
 def reorder(mesh: RiggedMesh, order: list[int] | None = None) -> RiggedMesh:

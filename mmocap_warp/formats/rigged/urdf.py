@@ -9,7 +9,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.rigged.part_meshes import named_file, part_mesh, plain_xml, solid
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, rigid_skin
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, rigid_skin, robot
 from mmocap_warp.whole_file import read_bytes
 
 _REMEDY = "give a URDF file, as `xacro` writes it"
@@ -80,8 +80,7 @@ def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
             of_link[link] = of_link[joint.parent]
             continue
         of_link[link] = len(names)
-        axis = world[link][:3, :3] @ joint.axis
-        axes[len(names)] = JointAxis(axis, joint.lower, joint.upper, joint.kind == _SLIDES)
+        axes[len(names)] = JointAxis(world[link][:3, :3] @ joint.axis, joint.lower, joint.upper, joint.kind == _SLIDES)
         names.append(joint.name)
         parent.append(of_link[joint.parent])
         bind.append(world[link])
@@ -94,18 +93,7 @@ def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
     mimics = [_name_of(each) for each in root.findall("joint") if each.find("mimic") is not None]
     notes = [f"{', '.join(planar)} slide in a plane: held at zero"] if planar else []
     notes += [f"{', '.join(mimics)} follow other joints there: free here"] if mimics else []
-    return RiggedMesh(
-        name=root.get("name") or path.stem,
-        joints=tuple(names),
-        parent=tuple(parent),
-        bind=np.stack(bind),
-        **skin._asdict(),
-        up="+z",
-        facing="+x",
-        axes=axes,
-        rigid=True,
-        notes=tuple(notes),
-    )
+    return robot(root.get("name") or path.stem, names, parent, np.stack(bind), skin, axes=axes, notes=tuple(notes))
 
 
 def _read_joint(element: Element) -> _Joint:

@@ -75,7 +75,6 @@ def _read_character(
         points = points @ placed[:3, :3].T + placed[:3, 3]
         parts.append(rigged_mesh.Skin(points, triangles, *_read_weights(mesh, number, len(points))))
     stated = (prim.GetAttribute(_ATTRIBUTION) for prim in stage.Traverse() if prim.HasAttribute(_ATTRIBUTION))
-    attributions = (str(attribute.Get()) for attribute in stated)
     mesh = rigged_mesh.RiggedMesh(
         name=str(meshes[0].GetPrim().GetName()),
         joints=names,
@@ -87,7 +86,7 @@ def _read_character(
         metres=float(UsdGeom.GetStageMetersPerUnit(stage)),
         axes=_read_axes(stage, names, bind),
         motions=_read_motions(stage, skeleton),
-        attribution=next(attributions, ""),
+        attribution=next((str(attribute.Get()) for attribute in stated), ""),
     )
     return rigged_mesh.reorder(mesh)
 
@@ -143,8 +142,7 @@ def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton) -> dict[str, rig
     if len(frames) > _MAX_FRAMES:
         raise ValueError(f"its animation has {len(frames)} frames")
     in_skeleton = np.array([query.ComputeJointSkelTransforms(Usd.TimeCode(time)) for time in frames], float)
-    prim = skeleton.GetPrim()
-    placed = [UsdGeom.XformCache(Usd.TimeCode(time)).GetLocalToWorldTransform(prim) for time in frames]
+    placed = [UsdGeom.XformCache(Usd.TimeCode(time)).GetLocalToWorldTransform(skeleton.GetPrim()) for time in frames]
     world = in_skeleton @ np.array(placed, float)[:, None]  # of row vectors
     fps = float(stage.GetTimeCodesPerSecond())
     return {str(source.GetName()): rigged_mesh.RiggedMotion(fps, world.swapaxes(-1, -2))}

@@ -63,16 +63,10 @@ def body_faults(stage: Usd.Stage) -> list[str]:
     ]
     if lines:  # nothing more can be said of such values, nor of what refers to them
         return lines
-    checks = (
-        (UsdSkel.Skeleton, _skeleton_faults),
-        (UsdSkel.Animation, _animation_faults),
-        (UsdGeom.Mesh, _mesh_faults),
-    )
+    checks = {UsdSkel.Skeleton: _skeleton_faults, UsdSkel.Animation: _animation_faults, UsdGeom.Mesh: _mesh_faults}
     for prim in stage.Traverse():
-        lines += (f"{prim.GetPath()}: {fault}" for fault in _value_faults(prim))
-        for schema, check in checks:
-            if prim.IsA(schema):
-                lines += (f"{prim.GetPath()}: {fault}" for fault in check(schema(prim)))
+        found = [_value_faults(prim), *(check(schema(prim)) for schema, check in checks.items() if prim.IsA(schema))]
+        lines += (f"{prim.GetPath()}: {fault}" for each in found for fault in each)
     return lines
 
 

@@ -280,7 +280,5 @@ def _rotation_onto(stage_up: str, up: str) -> np.ndarray:
     source, target = "xyz".index(up[1]), "xyz".index(stage_up)
     turn = np.roll(np.eye(3), target - source, axis=0)  # cyclic, hence proper: axis `source` becomes `target`
     if up[0] == "-":
-        flip = -np.ones(3)
-        flip[(target + 1) % 3] = 1.0
-        turn = np.diag(flip) @ turn
+        turn = np.diag(np.where(np.arange(3) == (target + 1) % 3, 1.0, -1.0)) @ turn
     return turn

@@ -91,8 +91,7 @@ def read_result(path: str | Path) -> Result:
     arrays: dict[str, Any] = {}
     for name, attribute in _SAMPLED.items():
         if name not in _OPTIONAL or prim.HasAttribute(attribute):
-            values = read.sampled_array(attribute, times, (runs, *shapes.get(name, ())))
-            arrays[name] = np.moveaxis(values, 1, 0)
+            arrays[name] = np.moveaxis(read.sampled_array(attribute, times, (runs, *shapes.get(name, ()))), 1, 0)
     read.require(np.isfinite(arrays["pose"]).all(), "mmocap:pose is not finite")
     with input_errors(path, "{error}", _REMEDY, ValueError):
         return Result(
@@ -110,13 +109,11 @@ def read_result(path: str | Path) -> Result:
 
 def _define_tracking(stage: Usd.Stage, result: Result) -> None:
     prim = UsdGeom.Scope.Define(stage, "/World/Tracking").GetPrim()
-    usd_file.author(prim, "mmocap:resultVersion", VERSION)
-    usd_file.author(prim, "mmocap:frames", result.frame_numbers)
-    usd_file.author(prim, "mmocap:runs", len(result.pose))
-    usd_file.author(prim, "mmocap:bestRun", result.best_run)
-    usd_file.author(prim, "mmocap:seconds", float(result.seconds))
-    usd_file.author(prim, "mmocap:config", json.dumps(result.config))
-    usd_file.author(prim, "mmocap:versions", json.dumps(result.versions))
+    about = {"resultVersion": VERSION, "frames": result.frame_numbers, "runs": len(result.pose)}
+    about |= {"bestRun": result.best_run, "seconds": float(result.seconds)}
+    about |= {name: json.dumps(getattr(result, name)) for name in ("config", "versions")}
+    for name, value in about.items():
+        usd_file.author(prim, f"mmocap:{name}", value)
     for i, time in enumerate(result.frame_numbers.astype(float).tolist()):
         for name, attribute in _SAMPLED.items():
             if (values := getattr(result, name)) is not None:

@@ -211,12 +211,10 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
         notes.append(f"tracking mesh: {len(surface.face)} triangles made {len(face)}")
     # The full mesh has the vertices of both.
     kept = np.unique(face)
-    own = np.unique(shown) if too_fine else np.arange(len(mesh.vertex))
-    chosen = np.union1d(own, kept)
+    chosen = np.union1d(shown if too_fine else np.arange(len(mesh.vertex)), kept)
     chosen_face, follows = np.searchsorted(chosen, shown).astype(np.int32), beside[chosen]
     skin = SkinMesh(vertex[chosen].astype(np.float32), chosen_face, joint[follows], weight[follows])
-    tracking = np.searchsorted(chosen, kept).astype(np.int32)
-    return skin, tracking, np.searchsorted(kept, face).astype(np.int32), notes
+    return skin, np.searchsorted(chosen, kept).astype(np.int32), np.searchsorted(kept, face).astype(np.int32), notes
 
 
 def _close_parts(mesh: RiggedMesh) -> closing.ClosedMesh:

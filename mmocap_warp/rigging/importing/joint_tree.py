@@ -200,8 +200,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     for joint in (main, *stray):
         parent[joint] = -1 if joint == main else main
     # The root comes first, then the others that are shown.
-    order = [joint for joint in parents_first(parent) if shown[joint]]
-    order.remove(main)
+    order = [joint for joint in parents_first(parent) if shown[joint] and joint != main]
     left_out = [joint for joint in range(len(parent)) if not shown[joint]]
     if left_out:
         notes.append(f"{name_list(mesh, left_out)} move no skin: left out")

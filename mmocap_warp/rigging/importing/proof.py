@@ -55,8 +55,7 @@ def worst_outline(body: BodyModel, mesh: RiggedMesh, motions: Mapping[str, BodyM
                 silhouette((points - low)[:, list(axes)] * scale + _MARGIN, face, (width, height)) > 0
                 for points, face in ((skin, mesh.face), (posed, body.tracking_face))
             )
-            overlap = intersection_over_union(own, other)
-            views.append(Outline(overlap, f"{when} from {view}", _compared(own, other)))
+            views.append(Outline(intersection_over_union(own, other), f"{when} from {view}", _compared(own, other)))
     return min(views, key=lambda outline: outline.overlap)
 
 

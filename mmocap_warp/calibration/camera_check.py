@@ -206,9 +206,8 @@ def _compare_views(
     for number, (frame, posed) in enumerate(zip(frames, vertices, strict=True)):
         masks = unpack_masks(person.observations[frame].words, rig.size)
         before, after = silhouettes(rig, posed, body.tracking_face), silhouettes(solved_rig, posed, body.tracking_face)
-        for k, mask in enumerate(masks):
-            if mask.any():
-                overlap[number, k] = intersection_over_union(mask, before[k])
+        pairs = zip(masks, before, strict=True)
+        overlap[number] = [intersection_over_union(*pair) if pair[0].any() else np.nan for pair in pairs]
         # The middle frame is kept for pictures.
         if number == len(frames) // 2:
             at = [rig.names.index(finding.camera) for finding in findings]

@@ -187,10 +187,8 @@ def _worst_view(rig: CameraRig, frames: list[Silhouettes], now: Agreement) -> tu
     """The view without which the others agree, and their share then; None where there is none, or too few are left."""
     if now.share >= _SOUND or len(rig) < 4:
         return None, now.share
-    shares = []
-    for k in range(len(rig)):
-        without = [replace(frame, seeing=[j for j in frame.seeing if j != k]) for frame in frames]
-        shares.append(agreement(rig, without).share)
+    others = ([replace(frame, seeing=[j for j in frame.seeing if j != k]) for frame in frames] for k in range(len(rig)))
+    shares = [agreement(rig, each).share for each in others]
     worst = int(np.argmax(shares))
     agree = 1 - shares[worst] <= _LEFT * (1 - now.share)
     return (worst, shares[worst]) if agree else (None, now.share)

@@ -121,9 +121,9 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
     right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
     masks = opened("masks", open_masks)
     channel = table.take_choice("mask_channel", ("", *_CHANNELS), "")
-    if channel and not isinstance(masks, VideoFile):
-        raise table.error("mask_channel is for masks that are a video", "leave it out")
-    if channel and isinstance(masks, VideoFile):
+    if channel:
+        if not isinstance(masks, VideoFile):
+            raise table.error("mask_channel is for masks that are a video", "leave it out")
         masks = replace(masks, channel=_CHANNELS.index(channel))
     own_fps = table.take("fps", float, fps)
     if not 0 < own_fps < 100_000:

@@ -101,11 +101,9 @@ def draft_scene(folder: Path) -> Draft:
     media = _Media(video, *(next(iter(search.takes(files, kind, names).values()), {}) for kind in kinds))
     draft.cameras = tuple(name for name in names if name in media.frames)
     if not draft.cameras:
-        raise InputError(
-            folder,
-            f"no video or folder is named after a camera ({', '.join(names) or 'no camera is known'})",
-            "name each video after its camera, or write scene.toml by hand as docs/scene.md says",
-        )
+        problem = f"no video or folder is named after a camera ({', '.join(names) or 'no camera is known'})"
+        remedy = "name each video after its camera, or write scene.toml by hand as docs/scene.md says"
+        raise InputError(folder, problem, remedy)
     if left_out := [name for name in names if name not in draft.cameras]:
         draft.missing.append(f"videos of {', '.join(left_out)}, which the calibration has: the scene leaves them out")
     _note_exposures(draft, media)

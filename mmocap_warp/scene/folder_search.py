@@ -169,10 +169,8 @@ def project_kind(folder: Path) -> str | None:
         "Caliscope": ("camera_array*.toml", "calibration/extrinsic", "calibration/intrinsic/port_*"),
         "Pose2Sim": ("Config.toml",),
     }
-    for name, patterns in marks.items():
-        if any(next(folder.glob(pattern), None) is not None for pattern in patterns):
-            return name
-    return None
+    found = (name for name, patterns in marks.items() if any(any(folder.glob(pattern)) for pattern in patterns))
+    return next(found, None)
 
 
 def find_calibration(folder: Path) -> CalibrationFile | None:
@@ -211,12 +209,9 @@ def read_with_unit(file: CalibrationFile, sizes: dict[str, tuple[int, int]]) -> 
 def _candidates(place: Path) -> Iterator[Path]:
     """Files that may be a calibration: in the folder, and in its folders of that name to any depth."""
     folders = [place, *sorted(each for each in place.glob("[Cc]alib*") if each.is_dir())]
-    for folder in folders:
-        if not os.access(folder, os.R_OK):
-            continue
-        for file in sorted(folder.iterdir() if folder == place else folder.rglob("*")):
-            if file.is_file() and not file.name.startswith("."):
-                yield file
+    for folder in (each for each in folders if os.access(each, os.R_OK)):
+        files = sorted(folder.iterdir() if folder == place else folder.rglob("*"))
+        yield from (file for file in files if file.is_file() and not file.name.startswith("."))
     yield from sorted(place.glob("Videos/Cam*/*.pickle"))  # OpenCap's
 
 
@@ -284,12 +279,9 @@ def _refuse(file: Path, place: Path) -> None:
     tables = _inner_tables(_file_values(file)) if file.suffix == ".toml" else []
     cameras = [camera for table in tables for camera in (table, *_inner_tables(table))]
     if any("matrix" in camera and ("rotation_count" in camera or "grid_count" in camera) for camera in cameras):
-        raise InputError(
-            file,
-            "is a camera array of Caliscope that does not say where the cameras stand, or of an old version",
-            "calibrate that, too, give camera_array_aniposelib.toml, which Caliscope writes in the project's folder, "
-            + _SOLVE,
-        )
+        problem = "is a camera array of Caliscope that does not say where the cameras stand, or of an old version"
+        other = "camera_array_aniposelib.toml, which Caliscope writes in the project's folder"
+        raise InputError(file, problem, f"calibrate that, too, give {other}, {_SOLVE}")
     if file.suffix in (".pickle", ".pkl") and (is_calibration or "camera" in name):
         opencap = "intrinsicsextrinsics" in name
         raise InputError(file, _PICKLE, _CONVERT.format("opencap") if opencap else _ANY_OTHER)

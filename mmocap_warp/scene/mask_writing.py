@@ -23,7 +23,6 @@ TINTS = ((31, 210, 255), (80, 200, 60), (230, 120, 200), (220, 200, 40), (90, 12
 _ADDED, _TAKEN = np.array([255, 90, 0], np.uint8), np.array([40, 40, 255], np.uint8)  # BGR: blue, red
 _VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
 
-
 Refine = Callable[[list[np.ndarray], list[np.ndarray | None]], list[np.ndarray]]
 """From a frame's masks, per camera (height, width) bool, and its images to better masks."""
 
@@ -141,17 +140,17 @@ def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
     tracked at their scale unless the scene asks for a smaller one.
     """
 
-    def path(file: Path | None) -> str | None:
-        return None if file is None else quoted_path(file, folder)
+    def path(file: str | Path | None) -> str | None:
+        """A file, or the name of a shipped body, as TOML has it."""
+        return quoted(file) if isinstance(file, str) else None if file is None else quoted_path(file, folder)
 
     frames, people = scene.frames, scene.people
     subject, truth = (None, None) if people else (scene.subject, scene.truth)
     is_start = (frames.start, frames.step) == (0, 1)
     frames_value = str(len(frames)) if is_start else quoted(f"{frames.start}:{frames[-1] + 1}:{frames.step}")
-    body = quoted(scene.body) if isinstance(scene.body, str) else path(scene.body)
     about = {"name": quoted(scene.name), "fps": repr(scene.fps), "up": quoted(scene.calibrated.up)}
     lines = [f"# A recorded scene with its masks made, at scale {scale:g}. By mmocap mask.", "[scene]"]
-    lines += _key_lines(about | {"frames": frames_value, "subject": path(subject), "body": body})
+    lines += _key_lines(about | {"frames": frames_value, "subject": path(subject), "body": path(scene.body)})
     lines += [f"person = {quoted(scene.person)}   # is tracked; without this line everybody is"] if scene.person else []
     if scene.truth or any(person.truth for person in people.values()):
         known = {"file": path(truth), "axes": quoted(scene.truth_axes), "first_frame": str(scene.truth_first_frame)}
@@ -164,8 +163,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
     lines += ["", "[labels]", f"thing = {UNDECIDED}"] if people else []
     lines += ["told_apart = true   # by their poses"] if scene.of_several or scene.told_apart else []
     for number, (name, person) in enumerate(people.items(), 1):
-        own = quoted(person.body) if isinstance(person.body, str) else path(person.body)
-        files = {"subject": path(person.subject), "body": own, "truth": path(person.truth)}
+        files = {"subject": path(person.subject), "body": path(person.body), "truth": path(person.truth)}
         lines += ["", f"[people.{quoted(name)}]", f"label = {number}", *_key_lines(files)]
     lines += attachment_lines(scene.attached, folder)
     track = dict(scene.track)

@@ -47,7 +47,6 @@ def masks_by_program(
     names = [file_name(name, scene.path) for name in scene.calibrated.names]
     sizes = [(int(width), int(height)) for width, height in scene.rig(scale).size]
     total, sources = scene.frame_count, []
-
     with ThreadPoolExecutor(1) as pool:
         frames = [pool.submit(_write_frames, scene, k, scale, folder / "frames" / name) for k, name in enumerate(names)]
         try:

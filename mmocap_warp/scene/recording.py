@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, Literal, Protocol
 from urllib.parse import quote
@@ -137,11 +138,10 @@ class Scene:
 
     def with_cameras(self, rig: CameraRig, offsets: dict[str, float]) -> Scene:
         """The same recording by other cameras of the same names and sizes, which lag by ``offsets`` [s]."""
-        cameras = []
-        for source in self.cameras:
-            frames, fraction = split_offset(offsets[source.name] * self.fps * source.rate)
-            cameras.append(replace(source, frame_offset=frames, fraction=fraction))
-        return replace(self, calibrated=rig, cameras=tuple(cameras))
+        lags = [split_offset(offsets[source.name] * self.fps * source.rate) for source in self.cameras]
+        pairs = zip(self.cameras, lags, strict=True)
+        cameras = tuple(replace(source, frame_offset=whole, fraction=rest) for source, (whole, rest) in pairs)
+        return replace(self, calibrated=rig, cameras=cameras)
 
     @property
     def labelled(self) -> bool:
@@ -233,15 +233,13 @@ class Scene:
 
     def hidden(self, scale: float) -> Iterator[list[np.ndarray]]:
         """Per camera (height, width) bool, what may be in front of the person, of all frames."""
-        for _, in_front in self._seen(scale, 0, None, None, hides=True):
-            yield in_front
+        return (in_front for _, in_front in self._seen(scale, 0, None, None, hides=True))
 
     def masks(
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
     ) -> Iterator[list[np.ndarray]]:
         """As :meth:`observations`, unpacked: per camera (height, width) bool."""
-        for masks, _ in self._seen(scale, first, count, body):
-            yield masks
+        return (masks for masks, _ in self._seen(scale, first, count, body))
 
     def _seen(
         self, scale: float, first: int, count: int | None, body: BodyMasks | None, hides: bool = False
@@ -318,9 +316,7 @@ class Scene:
             everybody = () if self.person else tuple(person.labels[k] for person in self.people.values())
             labels = labels or everybody or (source.label or settings.identity,)
             return lambda image: resample.mask(
-                np.logical_or.reduce([decode_mask(image, label, soft) for label in labels])
-                if len(labels) > 1
-                else decode_mask(image, labels[0], soft)
+                reduce(np.logical_or, (decode_mask(image, each, soft) for each in labels))
             )
         to_pinhole, examples = self._undistortion(k, scale), source.background_examples(settings.source)
         images = (to_pinhole.image(as_colour(image)) for image in examples.read())

@@ -213,7 +213,6 @@ def _check_sources(
             _check_undistorted(source.masks, source.mask_mark, source, rig, k)
         if foreground.source == "masks" and source.masks is not None and not people:
             _check_masks(source.masks, source.label or foreground.identity)
-
     for name, person in people.items() if "masks" in needs else ():
         of_views = [(each.masks, (person.labels[k], *each.several)) for k, each in enumerate(sources) if each.masks]
         images = ((image, labels) for masks, labels in of_views for image in masks.sample(_SAMPLES))
@@ -247,9 +246,8 @@ def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, 
 
 def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: CameraRig, k: int) -> None:
     if mark.camera != source.name:
-        raise InputError(
-            masks.path, f"these masks are of '{mark.camera}', not of '{source.name}'", "correct masks = under [cameras]"
-        )
+        problem = f"these masks are of '{mark.camera}', not of '{source.name}'"
+        raise InputError(masks.path, problem, "correct masks = under [cameras]")
     placed = source.recorded_scale, source.recorded_offset
     if mark.calibration != calibration_hash(rig, k, *placed, mark.repaired):
         problem = f"these masks of '{mark.camera}' were undistorted with another calibration than the scene's"
@@ -298,7 +296,10 @@ def _frames(
     agreeing: bool,
 ) -> tuple[range, range]:
     """The frames that the scene names, and those that are asked for; cameras must agree on where an open range ends."""
-    counts = _counts(sources, foreground)
+    # Frames of each camera, of those that have images; all have where masks are needed.
+    images = "masks" if foreground.source == "masks" else "video"
+    filmed = [source for source in sources if getattr(source, images) is not None]
+    counts = {source.name: recorded_frames(source, foreground.source) for source in filmed}
     shortest = min(counts.values(), default=1)
     listed = ", ".join(f"{name} {count}" for name, count in counts.items())
     choice = FrameChoice.parse(asked) if asked is not None else named
@@ -314,14 +315,13 @@ def _frames(
         if source.mask_mark is None and abs(source.frame_offset) >= shortest:
             problem = f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames"
             raise table.error(problem, "give a shift of a few frames")
-    _check_shared_time(sources, foreground, table)
+    _check_shared_time(filmed, counts, table)
     return own, frames
 
 
-def _check_shared_time(sources: tuple[CameraSource, ...], foreground: ForegroundSettings, table: Table) -> None:
-    """See that there is a moment at which all cameras that have images recorded."""
-    counts = _counts(sources, foreground)
-    timed = [source for source in sources if source.name in counts and source.mask_mark is None]
+def _check_shared_time(filmed: list[CameraSource], counts: dict[str, int], table: Table) -> None:
+    """See that there is a moment at which all cameras that have images recorded; ``counts`` are their frames."""
+    timed = [source for source in filmed if source.mask_mark is None]
     if len(timed) < 2:
         return
     begin = {source.name: -source.frame_offset / source.rate for source in timed}
@@ -330,13 +330,3 @@ def _check_shared_time(sources: tuple[CameraSource, ...], foreground: Foreground
     if begin[latest] > end[earliest]:
         problem = f"{earliest} has ended when {latest} begins: by their offsets they recorded at no common time"
         raise table.error(problem, "correct the offsets; mmocap sync finds them")
-
-
-def _counts(sources: tuple[CameraSource, ...], foreground: ForegroundSettings) -> dict[str, int]:
-    """Frames of each camera, of those that have images; all have where masks are needed."""
-    key = "masks" if foreground.source == "masks" else "video"
-    return {
-        source.name: recorded_frames(source, foreground.source)
-        for source in sources
-        if getattr(source, key) is not None
-    }

@@ -289,7 +289,7 @@ def write_people(folder: Path, clips: Sequence[StudySequence], apart: float, pro
         InputError: a folder that cannot be written to.
     """
     shifts = places([sequence.recording.poses[:, :2] for sequence in clips], apart)
-    tables = ""
+    foreground = _FOREGROUND
     folder.mkdir(parents=True, exist_ok=True)
     for label, (sequence, shift) in enumerate(zip(clips, shifts, strict=True), 1):
         name, pose = sequence.name.split("/")[0], sequence.subject.pose.copy()
@@ -297,11 +297,10 @@ def write_people(folder: Path, clips: Sequence[StudySequence], apart: float, pro
         write_subject(folder / f"{name}.subject.usdc", replace(sequence.subject, pose=pose))
         write_truth(folder / f"{name}.truth.usdc", shifted_truth(sequence.truth, shift), sequence.rig.up)
         files = f'subject = "{name}.subject.usdc"\ntruth = "{name}.truth.usdc"'
-        tables += f"\n[people.{name}]\nlabel = {label}\n{files}\n"
+        foreground += f"\n[people.{name}]\nlabel = {label}\n{files}\n"
     names = " and ".join(sequence.name for sequence in clips)
     about = f"{names} of the study's shipped sequences in one room, made up with known truth."
     together = Together([sequence.recording for sequence in clips], shifts)
-    foreground = _FOREGROUND + tables
     return write_made_scene(folder, together, None, name=names, about=about, foreground=foreground, progress=progress)
 
 

@@ -99,11 +99,9 @@ def _controls(study: StudySummary) -> Html:
         ("budget", "Evaluations per frame"): {budget: f"{budget:,}" for budget in study.budgets},
         ("sequence", "Sequence"): {name: name for name in study.sequences},
     }
-    lists = ""
-    for (name, title), labels in kinds.items():
-        options = [fill("option", value=value, label=label) for value, label in labels.items()]
-        lists += fill("control", title=title, name=name, options=options)
-    return Html(lists)
+    options = {of: [fill("option", value=each, label=labels[each]) for each in labels] for of, labels in kinds.items()}
+    lists = (fill("control", title=title, name=name, options=each) for (name, title), each in options.items())
+    return Html("".join(lists))
 
 
 def csv_table(study: StudySummary) -> str:

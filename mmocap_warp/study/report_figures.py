@@ -216,21 +216,18 @@ def _names_beside(dots_of: dict[str, list[tuple[float, float]]]) -> list[str]:
 
 def budget_figure(study: StudySummary, measure: Measure, dof: int) -> str:
     """The mean over sequences and runs against the budget, a curve per algorithm that has tracked them all."""
-
-    def level(name: str, budget: int) -> float:
-        return study.level(Contender(name, dof, budget), measure)
-
-    return _by_budget(study, level, measure.title, f"{measure.label} by budget, {dof} DOF")
+    title = f"{measure.label} by budget, {dof} DOF"
+    return _by_budget(study, dof, lambda who: study.level(who, measure), measure.title, title)
 
 
 def time_figure(study: StudySummary, dof: int) -> str:
     """Milliseconds per frame and run against the budget, a curve per algorithm."""
 
-    def milliseconds(name: str, budget: int) -> float:
-        of = study.of_grid(algorithm=name, dof=dof, evaluations=budget)
+    def milliseconds(who: Contender) -> float:
+        of = study.of_grid(algorithm=who.algorithm, dof=dof, evaluations=who.evaluations)
         return float(np.mean([1000 * seconds_per_frame(cell) for cell in of])) if of else np.nan
 
-    return _by_budget(study, milliseconds, "ms per frame and run", f"Time per frame by budget, {dof} DOF")
+    return _by_budget(study, dof, milliseconds, "ms per frame and run", f"Time per frame by budget, {dof} DOF")
 
 
 def seconds_per_frame(cell: CellSummary) -> float:
@@ -250,9 +247,10 @@ def mark_class(name: str) -> str:
     return "a-" + name.replace("+", "-")
 
 
-def _by_budget(study: StudySummary, value_of: Callable[[str, int], float], unit: str, label: str) -> str:
+def _by_budget(study: StudySummary, dof: int, value_of: Callable[[Contender], float], unit: str, label: str) -> str:
     width, height, bottom = 470.0, 258.0, 210.0
-    values = {name: [(budget, value_of(name, budget)) for budget in study.budgets] for name in study.algorithms}
+    rows = {name: [Contender(name, dof, budget) for budget in study.budgets] for name in study.algorithms}
+    values = {name: [(who.evaluations, value_of(who)) for who in row] for name, row in rows.items()}
     points = {name: [point for point in of if np.isfinite(point[1])] for name, of in values.items()}
     known = [value for measured in points.values() for _, value in measured]
     if not known:

@@ -194,10 +194,8 @@ def models_section(study: StudySummary) -> Section | None:
 def _left_out(rankings: Sequence[Ranking]) -> str:
     absent = [", ".join(map(str, each.absent)) for each in rankings if each.absent]
     notes = [f"{names} tracked too few sequences for a ranking." for names in absent]
-    left_out = [(each.rows[0].contender, ", ".join(each.left_out)) for each in rankings if each.left_out]
-    notes += [
-        f"Not all in the ranking of {who} have tracked {names}: left out of the ranking." for who, names in left_out
-    ]
+    gaps = [(each.rows[0].contender, ", ".join(each.left_out)) for each in rankings if each.left_out]
+    notes += [f"Not all in the ranking of {who} have tracked {names}: left out of the ranking." for who, names in gaps]
     return fill("warning", text=" ".join(notes)) if notes else ""
 
 

@@ -155,7 +155,6 @@ class MadeSequences(UserDict[str, Any]):
 
 _made = cache(make_sequence)
 
-
 SEQUENCES: Mapping[str, StudySequence] = MadeSequences(PLANS)
 """The nine sequences by name."""
 

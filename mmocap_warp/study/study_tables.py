@@ -51,8 +51,7 @@ def by_algorithm(study: StudySummary, measure: Measure, dof: int, evaluations: i
 
 def by_model(study: StudySummary, measure: Measure, algorithm: str) -> Ranking | None:
     """A column group of Table 6 or 7: one algorithm with all models and budgets; None with fewer than two."""
-    contenders = [Contender(algorithm, dof, budget) for dof in study.models for budget in study.budgets]
-    return rank(study, measure, contenders)
+    return rank(study, measure, [Contender(algorithm, dof, budget) for dof in study.models for budget in study.budgets])
 
 
 def algorithm_rankings(study: StudySummary, measure: Measure, dof: int) -> list[Ranking]:

@@ -233,11 +233,8 @@ class StudySummary:
 
     def milliseconds(self, who: Contender) -> float:
         """Of a frame of a run that is tracked alone; NaN where unknown. Solving the body is not in it."""
-        for algorithm in (who.algorithm, who.algorithm.replace("+solved", "")):
-            seconds = self.alone.get(Contender(algorithm, who.dof, who.evaluations))
-            if seconds is not None:
-                return 1000 * seconds
-        return float("nan")
+        body_as_given = replace(who, algorithm=who.algorithm.replace("+solved", ""))
+        return 1000 * self.alone.get(who, self.alone.get(body_as_given, float("nan")))
 
     def floor(self, measure: Measure, sequences: Iterable[str]) -> float:
         """What the tracked bodies score at the true angles, mean over sequences; NaN where one's is unknown."""
@@ -266,13 +263,9 @@ def _is_search(algorithm: str) -> bool:
 
 def _in_action_order(sequences: Iterable[str]) -> list[str]:
     """Each once, grouped by action: Walking, Gestures, Box, then others; by subject within."""
-    actions = ("Walking", "Gestures", "Box")
-
-    def place(sequence: str) -> tuple[int, str, str]:
-        subject, _, action = sequence.rpartition("/")
-        return actions.index(action) if action in actions else len(actions), action, subject
-
-    return sorted(set(sequences), key=place)
+    of = {sequence: sequence.rpartition("/")[::-2] for sequence in sequences}  # action and subject
+    actions = in_order((action for action, _ in of.values()), ("Walking", "Gestures", "Box"))
+    return sorted(of, key=lambda sequence: (actions.index(of[sequence][0]), of[sequence][1]))
 
 
 def _values(result: CellResult, measure: Measure) -> np.ndarray | None:

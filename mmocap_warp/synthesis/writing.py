@@ -87,7 +87,15 @@ def write_made_scene(
     Raises:
         InputError: a folder that cannot be written to.
     """
-    _write_masks(folder, footage, progress)
+    folders = [folder / "masks" / file_name(name, folder) for name in footage.rig.names]
+    with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
+        for each in folders:
+            each.mkdir(parents=True, exist_ok=True)
+    for frame in range(len(footage)):
+        for each, mask in zip(folders, footage.masks(frame), strict=True):
+            write_png(each / f"{frame:04d}.png", mask)
+        if progress is not None:
+            progress(frame + 1, len(footage))
     write_toml_rig(folder / "calibration.toml", footage.rig)
     if truth is not None:
         write_truth(folder / "truth.usdc", truth, footage.rig.up)
@@ -109,15 +117,3 @@ def write_made_scene(
     )
     write_whole(folder / "scene.toml", text.encode())
     return folder / "scene.toml"
-
-
-def _write_masks(folder: Path, footage: Footage, progress: Progress | None) -> None:
-    folders = [folder / "masks" / file_name(name, folder) for name in footage.rig.names]
-    with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
-        for each in folders:
-            each.mkdir(parents=True, exist_ok=True)
-    for frame in range(len(footage)):
-        for each, mask in zip(folders, footage.masks(frame), strict=True):
-            write_png(each / f"{frame:04d}.png", mask)
-        if progress is not None:
-            progress(frame + 1, len(footage))

@@ -212,12 +212,9 @@ class Adjustment:
         """The camera beside which the others move least; many that move a little count more than one that moves far."""
         if self._stated_fixed is not None:
             return self._stated_fixed
-        sizes = []
-        for camera in range(len(change)):
-            move, _, _ = self.relative_to(change, camera)
-            turns, shifts = (move[:, ROTATION] / _TURN_UNIT) ** 2, (move[:, POSITION] / _SHIFT_UNIT) ** 2
-            sizes.append(np.log1p(turns.sum(axis=1) + shifts.sum(axis=1)))
-        return int(np.argmin(np.sum(sizes, axis=1)))
+        moves = np.array([self.relative_to(change, camera)[0] for camera in range(len(change))])
+        turns, shifts = (moves[..., ROTATION] / _TURN_UNIT) ** 2, (moves[..., POSITION] / _SHIFT_UNIT) ** 2
+        return int(np.argmin(np.log1p(turns.sum(axis=-1) + shifts.sum(axis=-1)).sum(axis=1)))
 
     def relative_to(self, change: np.ndarray, fixed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same cameras in a world in which one of them has not moved, and how the old world lies in that one.

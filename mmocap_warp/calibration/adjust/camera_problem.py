@@ -25,7 +25,6 @@ _LENGTH_SIGMA = 0.002  # metres: standard deviation of a length that is known
 LARGER = 1.0
 """Standard deviation of the margin by which a camera's masks are larger than what they show [px]."""
 
-
 KnownLength = Callable[[np.ndarray, np.ndarray], tuple[float, np.ndarray, np.ndarray]]
 """A length that is known, such as a person's height: it gives the scale.
 
@@ -109,9 +108,8 @@ class CameraProblem:
         for matching, steps in stages:
             fitter = camera_fitter(self.space, self.rig, observations, matching, device, threads)
             problem = BodyProblem(partial(self._linearise, fitter, velocity), self.rooting, np.zeros(len(sigma)), sigma)
-            frames = np.arange(len(rooted))
-            once = partial(problem.stepped, frames, rooted, parameters)
-            solution = problem.solved(frames, rooted, parameters, steps) if steps else once()
+            at = np.arange(len(rooted)), rooted, parameters
+            solution = problem.solved(*at, steps) if steps else problem.stepped(*at)
             rooted, parameters = solution.rooted, solution.beta
         # The covariance of the cameras' parameters, without body and margins.
         of_cameras = len(beta) + np.flatnonzero(np.nonzero(own > 0)[1] < len(KINDS))

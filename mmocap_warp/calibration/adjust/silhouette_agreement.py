@@ -171,8 +171,7 @@ class LandmarkProblem:
         # The points' distances from each ray, across the camera's axis.
         inside = np.einsum("kij,fpj->fkpi", rig.R, point) + rig.t[:, None]
         depth = np.maximum(inside[..., 2:], _MIN_DEPTH)
-        error = inside[..., :2] - plane * depth
-        return np.where(known[..., None], error, np.nan)
+        return np.where(known[..., None], inside[..., :2] - plane * depth, np.nan)
 
     def points(self, change: np.ndarray) -> np.ndarray:
         """(frame, point, 3) the points that all cameras triangulate [m]; NaN where fewer than two see them."""

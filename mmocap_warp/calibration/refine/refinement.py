@@ -201,8 +201,7 @@ def implausible(moved: np.ndarray) -> bool:
 
     Somebody who stays in one place does not tell their principal points from the others' rotations.
     """
-    share = float(moved.any(axis=1).mean())
-    return 0.5 < share < 1.0
+    return 0.5 < float(moved.any(axis=1).mean()) < 1.0
 
 
 def _in_the_mean_world(adjustment: Adjustment, person: Person, change: np.ndarray) -> np.ndarray:

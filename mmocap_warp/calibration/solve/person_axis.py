@@ -50,8 +50,7 @@ def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> P
     for k in range(len(sizes)):
         # A standing person's silhouette is longer than wide; its principal axis is the person's, up to the sign.
         standing, axes = {}, []
-        for frame, silhouettes in enumerate(frames):
-            pixels = silhouettes[k]
+        for frame, pixels in enumerate(silhouettes[k] for silhouettes in frames):
             if pixels is not None:
                 (across, along), directions = np.linalg.eigh(np.cov(pixels.T))
                 if along > _MIN_SLENDERNESS**2 * across:

@@ -90,11 +90,14 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     if len(scene.cameras) < 2:
         raise ValueError("cameras are solved from two views at least; this scene has one")
     thinned, scale, person = _seen_person(scene)
-    start = _pinholes(scene, scale)
     stature = _WALKING * height
     guessed = scene.calibration is None
     names = scene.calibrated.names
-
+    # The lenses, all at the origin; with a usual focal length where no calibration is named.
+    lenses = scene.rig(scale)
+    focal = np.repeat(_GUESS * lenses.size.max(axis=1, keepdims=True), 2, axis=1)
+    focal = focal if guessed else lenses.K[:, [0, 1], [0, 1]]
+    start = Pinholes(np.tile(np.eye(3), (len(names), 1, 1)), np.zeros((len(names), 3)), focal, lenses.K[:, :2, 2])
     # Rough cameras: each over its own floor, then all over one.
     matrices = np.tile(np.eye(3), (len(names), 1, 1))
     matrices[:, [0, 1], [0, 1]], matrices[:, :2, 2] = start.focal, start.middle
@@ -116,7 +119,6 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     in_view = [missed[tangents.in_view(k)] < MAX_MISS for k in range(len(names))]
     agreed = np.array([float(agrees.mean()) if len(agrees) else 0.0 for agrees in in_view])
     _check(names, agreed, sigma)
-
     # The head's path, and everything in the scene's world.
     heads, frame, _, _ = head_and_foot_points(cameras, person)
     path = np.full((thinned.frame_count, 3), np.nan)
@@ -179,15 +181,6 @@ def _seen_person(scene: Scene) -> tuple[Scene, float, PersonInViews]:
     thinned = replace(scene.of_frames(scene.frames[::every]), foreground=replace(scene.foreground, repair=False))
     scale = min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max()))
     return thinned, scale, person_in_views(list(thinned.observations(scale)), thinned.rig(scale).size)
-
-
-def _pinholes(scene: Scene, scale: float) -> Pinholes:
-    """The lenses at ``scale``, all at the origin; with a usual focal length where no calibration is named."""
-    rig = scene.rig(scale)
-    focal = rig.K[:, [0, 1], [0, 1]]
-    if scene.calibration is None:
-        focal = np.repeat(_GUESS * rig.size.max(axis=1, keepdims=True), 2, axis=1)
-    return Pinholes(np.tile(np.eye(3), (len(rig), 1, 1)), np.zeros((len(rig), 3)), focal, rig.K[:, :2, 2])
 
 
 def _solve(

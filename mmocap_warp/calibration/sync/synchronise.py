@@ -53,10 +53,8 @@ class ViewOffset:
 
     def doubt(self, name: str, fps: float | None) -> str | None:
         """Why the offset of the camera ``name``, which runs at ``fps``, is not reliable; None where it is."""
-        if self.sure and self.course.changes:
-            return self.course.fault(name, fps or 0.0)
         if self.sure:
-            return None
+            return self.course.fault(name, fps or 0.0) if self.course.changes else None
         if self.rival == float("inf"):
             why = "the person stands still, or it is another recording"
             return f"{name} shows no motion that the other views share: {why}"

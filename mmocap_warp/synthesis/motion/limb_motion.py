@@ -66,7 +66,15 @@ class Leg:
             ValueError: an ankle out of reach.
         """
         target = ankle - hip
-        knee = self._knee(np.linalg.norm(target, axis=-1))
+        # The knee's Rx at which the ankle is that far from the hip.
+        distance = np.linalg.norm(target, axis=-1)
+        along, across = self._knee_terms()
+        fixed = self.thigh @ self.thigh + self.shank @ self.shank + 2 * self.thigh[0] * self.shank[0]
+        cosine = (distance**2 - fixed) / (2 * np.hypot(along, across))
+        if (cosine > 1).any():
+            length = self.reach(0.0)
+            raise ValueError(f"an ankle is {distance.max():.3f} m from its hip, the leg is {length:.3f} m long")
+        knee = self.straight + np.arccos(cosine)
         leg = self.thigh + applied(turn("x", knee), self.shank)
         thigh = basis(target, sideways) @ transposed(basis(leg, np.broadcast_to(np.eye(3)[0], leg.shape)))
         return np.concatenate([zyx_angles(transposed(pelvis) @ thigh), knee[:, None]], axis=1)
@@ -75,15 +83,6 @@ class Leg:
         """``a`` and ``b`` of ``thigh . Rx(angle) shank = a cos + b sin + constant``."""
         (_, ty, tz), (_, sy, sz) = self.thigh, self.shank
         return ty * sy + tz * sz, tz * sy - ty * sz
-
-    def _knee(self, distance: np.ndarray) -> np.ndarray:
-        along, across = self._knee_terms()
-        fixed = self.thigh @ self.thigh + self.shank @ self.shank + 2 * self.thigh[0] * self.shank[0]
-        cosine = (distance**2 - fixed) / (2 * np.hypot(along, across))
-        if (cosine > 1).any():
-            length = self.reach(0.0)
-            raise ValueError(f"an ankle is {distance.max():.3f} m from its hip, the leg is {length:.3f} m long")
-        return self.straight + np.arccos(cosine)
 
 
 _LEG = ("Hip", "Knee", "Ankle")
@@ -153,19 +152,17 @@ class Arm:
                 is drawn in along its line, to a straight arm.
             points: (frame, 3), where the elbow points, as nearly as the line allows.
         """
-        flexion = self._flexion(np.linalg.norm(wrist, axis=-1))
+        # The elbow's Ry at which the wrist is that far from the shoulder.
+        (gx, gy, gz), (fx, fy, fz) = self.elbow.T @ self.upper, self.fore
+        along, across = gx * fx + gz * fz, gx * fz - gz * fx  # upper . elbow Ry(angle) fore = along cos + across sin
+        fixed = self.upper @ self.upper + self.fore @ self.fore + 2 * gy * fy
+        distance = np.linalg.norm(wrist, axis=-1)
+        cosine = np.clip((distance**2 - fixed) / (2 * np.hypot(along, across)), -1.0, 1.0)
+        flexion = np.arctan2(across, along) - self.sign * np.arccos(cosine)
         reached = self.upper + applied(self.elbow @ turn("y", flexion), self.fore)
         hinge = self.sign * np.cross(wrist, points)
         arm = basis(wrist, hinge) @ transposed(basis(reached, np.broadcast_to(self.elbow[:, 1], reached.shape)))
         return self.frame.T @ transposed(chest) @ arm, flexion
-
-    def _flexion(self, distance: np.ndarray) -> np.ndarray:
-        """The elbow's Ry at which the wrist is that far from the shoulder."""
-        (gx, gy, gz), (fx, fy, fz) = self.elbow.T @ self.upper, self.fore
-        along, across = gx * fx + gz * fz, gx * fz - gz * fx  # upper . elbow Ry(angle) fore = along cos + across sin
-        fixed = self.upper @ self.upper + self.fore @ self.fore + 2 * gy * fy
-        cosine = np.clip((distance**2 - fixed) / (2 * np.hypot(along, across)), -1.0, 1.0)
-        return np.arctan2(across, along) - self.sign * np.arccos(cosine)
 
 
 BySide = dict[str, np.ndarray]

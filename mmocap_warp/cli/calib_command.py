@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli import COMMANDS
-from mmocap_warp.cli.command import ANY_NUMBER, BY_FLAG, BY_PLACE, Answer, Given, command
+from mmocap_warp.cli.command import ANY_NUMBER, BY_FLAG, BY_PLACE, Answer, Given, attributes, command
 from mmocap_warp.cli.console import CHECK_FAILED, next_step, table
 from mmocap_warp.formats.toml_table import quoted_path
 
@@ -71,10 +71,8 @@ def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | 
                 "field_of_view_deg": row.field_of_view,
                 "focal_px": rig.K[k, 0, 0],
                 "focal_sigma": cameras.focal_sigma[k],
-                "focal": cameras.focal[k],
-                "whole_frames": cameras.whole[k],
-                "agreed": cameras.agreed[k],
             }
+            | {key: of[k] for key, of in attributes(cameras, "focal", "agreed", whole_frames="whole").items()}
             for k, row in enumerate(describe_rig(rig))
         ],
         "frames": [cameras.frames.start, cameras.frames.stop, cameras.frames.step],
@@ -161,18 +159,9 @@ def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | Non
         share = f"{100 * found.focal_sigma[k]:.2f} %"
         numbers = f"{found.rms[k]:.2f}", f"{focal:.1f}", share, *(f"{value:.3f}" for value in centre)
         rows.append((name, used, str(found.place_frames[k]), f"{100 * found.coverage[k]:.0f} %", *numbers))
-        cameras.append(
-            {
-                "name": name,
-                "lens_frames": found.lens_frames[k],
-                "place_frames": found.place_frames[k],
-                "coverage": found.coverage[k],
-                "residual_px": found.rms[k],
-                "focal_px": focal,
-                "focal_sigma": found.focal_sigma[k],
-                "centre_m": centre,
-            }
-        )
+        by_camera = attributes(found, "lens_frames", "place_frames", "coverage", residual_px="rms")
+        camera = {"name": name} | {key: values[k] for key, values in by_camera.items()}
+        cameras.append(camera | {"focal_px": focal, "focal_sigma": found.focal_sigma[k], "centre_m": centre})
     origin = "the board on the floor" if person is None else "the person's floor"
     if rig.up != "+z":
         origin = "the first camera; name a --floor frame, or a --person, for a level one"

@@ -110,6 +110,9 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f}" if share == share else "-"
 
 
+_KEYS = {"centre_m": "centre", "height_m": "height", "nearest_m": "nearest", "field_of_view_deg": "field_of_view"}
+
+
 @command("calibrate:show_cameras", order="pictures", pictures=Annotated[Path | None, Output])
 def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     from mmocap_warp.scene.scene_toml import load_scene
@@ -123,10 +126,7 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
         step = next_step("mask", loaded.path, "-o", folder / "masks", *options)
     values = {
         "cameras": [
-            {"name": row.name, "size": size}
-            | attributes(
-                row, centre_m="centre", height_m="height", nearest_m="nearest", field_of_view_deg="field_of_view"
-            )
+            {"name": row.name, "size": size} | attributes(row, **_KEYS)
             for row, size in zip(shown.rows, shown.size, strict=True)
         ],
         **attributes(shown, "up", mean_height_m="mean_height", mean_height_ok="plausible", pictures="pictures"),
@@ -203,15 +203,8 @@ def _scene_lines(timing: dict[str, dict[str, float]]) -> list[str]:
 def synth(call: Any, cameras: int) -> Answer:
     made = call()
     step = _track_step(made.scene, made.scene.parent)
-    values = {
-        "scene": made.scene,
-        "body": made.recording.body.name,
-        "motion": made.motion,
-        "frames": len(made.recording),
-        "cameras": cameras,
-        "next": step,
-    }
-    return Answer(values, [repr(made), f"next: {step}"])
+    values = attributes(made, "scene", "motion") | {"body": made.recording.body.name, "frames": len(made.recording)}
+    return Answer(values | {"cameras": cameras, "next": step}, [repr(made), f"next: {step}"])
 
 
 _PARTS = Parameter(help="\\\n".join(dataset.usage(name) for name, dataset in DATASETS.items()))

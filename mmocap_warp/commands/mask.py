@@ -114,17 +114,8 @@ def mask(
     if by_program if consistent is None else consistent:
         consistency = [Consistency(loaded.rig(scale)) for _ in loaded.people or [loaded]]
     with reporter.stage("mask") as progress:
-        written = write_masks(
-            loaded,
-            folder,
-            scale,
-            lambda done: progress(done, total),
-            look=judge.add,
-            refine=refine,
-            images=images,
-            apart=apart,
-            make_consistent=consistency,
-        )
+        options: dict[str, Any] = {"refine": refine, "images": images, "apart": apart, "make_consistent": consistency}
+        written = write_masks(loaded, folder, scale, lambda n: progress(n, total), look=judge.add, **options)
     if program is not None:
         shutil.rmtree(unfinished, ignore_errors=True)
     report = judge.report()

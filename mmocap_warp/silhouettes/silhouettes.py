@@ -116,16 +116,10 @@ class Silhouettes:
         self.modules = (self._renderer.module, raster)
         self.whole = self._renderer.piece(piece_of(mesh.face))
         self.views = make_views(rig, device)
-        view = (candidates, len(rig))
-        self.canvas = allocated(
-            Canvas,
-            device,
-            cell=(*view, len(mesh.rest)),
-            facing=(*view, len(mesh.face)),
-            box=(*view, self._renderer.boxes),
-            group_box=(*view, self._renderer.groups),
-            count=view,
-        )
+        view, boxes = (candidates, len(rig)), {"box": self._renderer.boxes, "group_box": self._renderer.groups}
+        lengths = {"cell": len(mesh.rest), "facing": len(mesh.face)} | boxes
+        of_view = {name: (*view, length) for name, length in lengths.items()}
+        self.canvas = allocated(Canvas, device, **of_view, count=view)
         self._nothing_frozen = self.make_frozen(0)
 
     def make_frozen(self, runs: int) -> Any:

@@ -88,17 +88,9 @@ class Preset:
 
 # The best of a scan on a real recording at 500 evaluations, see docs/accuracy.md. CMA-ES wants to start small; DE and
 # PSO only ever contract, so that they must start wide.
-_RECORDING = Preset(
-    (0.03, 0.02),
-    {
-        "cmaes": (0.01, 0.0067),
-        "h-cmaes": (0.02, 0.0133),
-        "de": (0.08, 0.053),
-        "h-de": (0.06, 0.04),
-        "pso": (0.02, 0.0133),
-    },
-    fps=60.0,
-)
+_OWN = {"cmaes": (0.01, 0.0067), "h-cmaes": (0.02, 0.0133), "pso": (0.02, 0.0133)}
+_OWN |= {"de": (0.08, 0.053), "h-de": (0.06, 0.04)}
+_RECORDING = Preset((0.03, 0.02), _OWN, fps=60.0)
 
 PRESETS: dict[str, Preset] = {
     "recording": _RECORDING,

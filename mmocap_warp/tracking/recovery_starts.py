@@ -73,10 +73,11 @@ class RecoveryStarts:
                 poses = np.repeat(pose[run : run + 1], _DRAWN, axis=0)
                 poses[:, index] = rng.uniform(low[index], high[index], (_DRAWN, len(index)))
                 along = self._along_bones(poses, np.unique((limb.coordinates - TRANSLATION) // 3))
-                apart = np.linalg.norm(wanted[:, None] - along[:, None], axis=3)  # (pose, place, point)
-                near = np.argsort(apart.min(axis=2).mean(axis=1), kind="stable")[: SCATTERED_POSES // 2]
+                square = sum((wanted[:, None, k] - along[:, None, :, k]) ** 2 for k in range(3))  # (pose, place, point)
+                apart = np.sqrt(square.min(axis=2)).mean(axis=1)
+                near = np.argsort(apart, kind="stable")[: SCATTERED_POSES // 2]
                 drawn.append(poses[near])
-                away.append(apart[near].min(axis=2).mean(axis=1))
+                away.append(apart[near])
             best = np.argsort(np.concatenate(away), kind="stable")[:SCATTERED_POSES]
             starts[run, : len(best)] = np.concatenate(drawn)[best]
         return self.within_limits(starts)

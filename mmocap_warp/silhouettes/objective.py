@@ -135,7 +135,9 @@ class Objective:
         if observation.hidden is not None or views.hidden.size:
             if not views.hidden.size:
                 views.hidden = wp.zeros_like(views.observed)
-            views.hidden.assign(observation.possible & ~observation.words)
+                self._hidden = Upload(views.hidden)
+            self._hidden.values[...] = 0 if observation.hidden is None else observation.hidden
+            self._hidden.send(len(self.rig))
 
     def _send_masks(self) -> None:
         self._observed.send(len(self.rig))

@@ -38,6 +38,7 @@ class DistanceFields:
     _first: int | None  # place of the frames that were observed last
     _boxes: Any
     _replays: Replays
+    _upload: Upload
 
     def __init__(self, rig: CameraRig, frames: int, candidates: int, device: str) -> None:
         self._rig, self._device = rig, device
@@ -46,6 +47,7 @@ class DistanceFields:
             Fields, device, value=1, box=view, start=view, frame=candidates, larger=len(rig), hidden=(0, 0, 0, 0)
         )
         self._scratch = block.scratch(device)
+        self._hidden = wp.zeros((0, 0, 0, 0), dtype=wp.uint32, device=device)  # of frames that are observed together
         self._workings = allocated(Workings, device, room=0, **dict.fromkeys(_WORKINGS, 0))
         self._allocate(1)
         self._has_room = wp.get_device(device).is_cuda and whole_image_bytes(rig, frames) <= MOST_WHOLE
@@ -91,12 +93,16 @@ class DistanceFields:
         fields = self.struct
         if all(observation.hidden is None for observation in observations) and not fields.hidden.size:
             return
+        words, frames = observations[0].words.shape, len(observations)
         if not fields.hidden.size:
-            shape = (fields.box.shape[0], *observations[0].words.shape)
-            fields.hidden = wp.zeros(shape, dtype=wp.uint32, device=self._device)
-        none = np.zeros_like(observations[0].words)
-        hidden = np.stack([none if each.hidden is None else each.hidden for each in observations])
-        wp.copy(fields.hidden[first : first + len(hidden)], wp.array(hidden, dtype=wp.uint32, device=self._device))
+            fields.hidden = wp.zeros((fields.box.shape[0], *words), dtype=wp.uint32, device=self._device)
+        if self._hidden.shape[0] < frames:
+            self._hidden = wp.zeros((frames, *words), dtype=wp.uint32, device=self._device)
+            self._upload = Upload(self._hidden)
+        for values, observation in zip(self._upload.values, observations, strict=False):
+            values[...] = 0 if observation.hidden is None else observation.hidden
+        self._upload.send(frames)
+        wp.copy(fields.hidden[first : first + frames], self._hidden[:frames])
 
     @property
     def addresses(self) -> tuple[int | None, ...]:

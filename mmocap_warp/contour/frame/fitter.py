@@ -101,22 +101,12 @@ class ContourFitter:
         self.body = make_body_arrays(body, np.eye(3), mesh, device, bases=candidates)
         self._joints = make_joint_arrays(candidates, joints, device)
         self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
-        self._posed = allocated(
-            Posed,
-            device,
-            body=self.body,
-            joints=self._joints,
-            axes=self._joints.transform.shape,
-            vertex=(candidates, vertices),
-        )
+        posed = {"axes": self._joints.transform.shape, "vertex": (candidates, vertices)}
+        self._posed = allocated(Posed, device, body=self.body, joints=self._joints, **posed)
         self._tree = make_tree(skeleton, self.index, device)
-        self._change = allocated(
-            RestChange,
-            device,
-            vertex=(parameters, vertices),
-            joint=(parameters, joints),
-            origin=(candidates if parameters else 0, parameters, joints),
-        )
+        origin = candidates if parameters else 0, parameters, joints
+        changed = {"vertex": (parameters, vertices), "joint": (parameters, joints), "origin": origin}
+        self._change = allocated(RestChange, device, **changed)
 
         # The masks of frames, the cameras, and how the body moves in the time by which a view is late.
         self.fields = DistanceFields(rig, frames, candidates, device)

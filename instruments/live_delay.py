@@ -31,8 +31,7 @@ from mmocap_warp.masks.observation import Observation
 from mmocap_warp.streaming.arrivals import Arrival, newest
 from mmocap_warp.streaming.senders import open_sender
 from mmocap_warp.synthesis.footage.made_recording import placed_camera
-from mmocap_warp.tracking.live import LiveTracker
-from mmocap_warp.tracking.live_process import LiveProcess
+from mmocap_warp.tracking.live_process import make_live
 from mmocap_warp.tracking.track_config import TrackConfig
 
 ADDRESS = "tcp://127.0.0.1:5557"
@@ -139,18 +138,16 @@ def main(seconds: float, fps: float, count: int) -> None:
     context = multiprocessing.get_context("spawn")
     told = context.Queue()
     context.Process(target=listen, args=(told,), daemon=True).start()
-    subjects, kind = {each.name: each.subject for each in people}, LiveProcess if count > 1 else LiveTracker
+    subjects = {each.name: each.subject for each in people}
+    about = [(each.subject, rig, fps, TrackConfig(), each.hidden[0] is not None) for each in people]
     with ExitStack() as stack:
         sender = stack.enter_context(closing(open_sender(ADDRESS, subjects, rig, fps)))
-        tracked = []
-        for each in people:
-            tracker = kind(each.subject, rig, fps, TrackConfig(), each.hidden[0] is not None)
-            stack.enter_context(closing(tracker))
-            tracked.append(Tracked(each.name, each.subject, tracker, 1 / fps, [sender]))
-        for each in tracked if count > 1 else ():
-            each.tracker.wait()
+        trackers = [stack.enter_context(closing(each)) for each in make_live("auto", about)]
+        for tracker in trackers:
+            tracker.wait()
         gc.freeze()
-        report = follow(tracked, newest(source()), rig.names, Reporter())
+        tracked = [Tracked(each.name, each.subject, 1 / fps, [sender]) for each in people]
+        report = follow(tracked, trackers, newest(source()), rig.names, Reporter())
         late = told.get()
     who = f"{len(people)} people, {len(rig)} cameras: {round(seconds * fps)} frames at {fps:g} a second"
     print(f"{who}, {report.dropped} dropped, {report.lost} lost; memory {used[1]} MB at first, {used[-1]} in the end")

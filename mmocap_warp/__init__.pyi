@@ -43,7 +43,8 @@ from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.store import read_results as study_results
-from mmocap_warp.tracking.live import LiveFrame, LiveTracker, track_live
+from mmocap_warp.tracking.live import LiveTracker, track_live
+from mmocap_warp.tracking.live_smoothing import LiveFrame
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.version import __version__ as __version__
 

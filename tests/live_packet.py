@@ -9,7 +9,7 @@ from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.streaming.senders import Packet
-from mmocap_warp.tracking.live import LiveFrame
+from mmocap_warp.tracking.live_smoothing import LiveFrame
 
 RIG = ring_rig(2)
 SUBJECT = synthetic_subject()

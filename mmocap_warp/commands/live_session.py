@@ -5,10 +5,10 @@ import math
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
-from itertools import repeat
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,8 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.streaming.arrivals import Arrival, arrivals, newest
 from mmocap_warp.streaming.growing_result import GrowingResult, finish
 from mmocap_warp.streaming.senders import Packet, open_sender
-from mmocap_warp.tracking.live import LiveFrame, LiveTracker
-from mmocap_warp.tracking.live_process import LiveProcess
+from mmocap_warp.tracking.live_process import Answers, Trackers, make_live
+from mmocap_warp.tracking.live_smoothing import LiveFrame
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _DELAYS = 10_000  # frames whose delays are reported: the last ones
@@ -110,23 +110,22 @@ def live(
 
     with ExitStack() as stack:
         listeners = [stack.enter_context(closing(open_sender(address, subjects, rig, rate))) for address in to]
-        people = []
+        people, about = [], []
         for name, known in subjects.items():
-            about, hears = (known, rig, rate, chosen), list(listeners)
+            own, hears = (known, rig, rate, chosen), list(listeners)
             if files:
-                hears.append(stack.enter_context(closing(GrowingResult(files[name], *about))))
-            with arguments_checked():
-                tracker = (LiveProcess if len(scenes) > 1 else LiveTracker)(*about, scenes[name].has_others)
-            people.append(Tracked(name, known, stack.enter_context(closing(tracker)), 1 / rate, hears))
+                hears.append(stack.enter_context(closing(GrowingResult(files[name], *own))))
+            people.append(Tracked(name, known, 1 / rate, hears))
+            about.append((*own, scenes[name].has_others))
         with arguments_checked():
-            for each in people:
-                if isinstance(each.tracker, LiveProcess):
-                    each.tracker.wait()
+            trackers = [stack.enter_context(closing(each)) for each in make_live(chosen.device, about)]
+            for tracker in trackers:
+                tracker.wait()
         coming = stack.enter_context(closing(newest(arrivals([*scenes.values()], chosen.scale, source))))
         gc.collect()
         stack.callback(gc.unfreeze)
         gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
-        report = follow(people, coming, rig.names, reporter)
+        report = follow(people, trackers, coming, rig.names, reporter)
     if record is not None:
         _write_all(Path(record), files)
     return report
@@ -173,7 +172,6 @@ class Tracked:
 
     name: str
     subject: Subject
-    tracker: LiveTracker | LiveProcess
     period: float  # of the frames [s]
     listeners: list[Any]
     times: dict[int, float] = field(default_factory=dict)  # of the frames that are not smoothed yet
@@ -195,30 +193,49 @@ class Tracked:
             each.send(packet)
 
 
-def follow(people: list[Tracked], coming: Iterator[Arrival], cameras: Sequence[str], reporter: Reporter) -> LiveReport:
+def follow(
+    people: list[Tracked], trackers: Trackers, coming: Iterator[Arrival], cameras: Sequence[str], reporter: Reporter
+) -> LiveReport:
     """Track people in what is coming from cameras of these names, until it ends or Ctrl-C is pressed."""
-    report, last, silent = LiveReport(), None, set[str]()
+    report, last, dropped, silent = LiveReport(), None, 0, set[str]()
     delays = deque[float](maxlen=_DELAYS)
-    at_once = ThreadPoolExecutor(len(people)).map if len(people) > 1 else map
-    try:
-        for arrival in coming:
-            now_silent = {cameras[k] for k in arrival.silent}
-            for name in sorted(now_silent ^ silent):
-                what = "sends nothing, and is lost" if name in now_silent else "is back"
-                reporter.note(f"live: frame {arrival.number}: camera {name} {what}")
-            dropped = report.dropped + (0 if last is None else arrival.number - last - 1)
-            last, silent = arrival.number, now_silent
-            found = list(at_once(lambda of, n, seen: of.tracker.step(n, seen), people, repeat(last), arrival.seen))
-            for each, frame in zip(people, found, strict=True):
-                each.tell(frame, arrival.time, dropped)
-            report = LiveReport(report.frames + 1, dropped, report.lost + any(f.status[0] == "lost" for f in found))
-            delays.append(1000 * (time.time() - arrival.time))
-            for each in people:
-                each.smoothed(each.tracker.smoothed(), dropped)
-    except KeyboardInterrupt:  # as most sessions end
-        reporter.note("live: stopped")
-    for each in people:
-        each.smoothed(each.tracker.rest(), report.dropped)
+
+    def tell(arrival: Arrival, dropped: int, answers: Sequence[Future[Answers]]) -> None:
+        nonlocal report
+        found = [each.result() for each in answers]
+        frames = [frame for at_once, _ in found for frame in at_once]
+        for person, frame in zip(people, frames, strict=True):
+            person.tell(frame, arrival.time, dropped)
+        report = LiveReport(report.frames + 1, dropped, report.lost + any(f.status[0] == "lost" for f in frames))
+        delays.append(1000 * (time.time() - arrival.time))
+        for person, smoothed in zip(people, [each for _, later in found for each in later], strict=True):
+            person.smoothed(smoothed, dropped)
+
+    with ThreadPoolExecutor(1) as beside:
+        told = deque[Future[None]]()
+        try:
+            for arrival in coming:
+                now_silent = {cameras[k] for k in arrival.silent}
+                for name in sorted(now_silent ^ silent):
+                    what = "sends nothing, and is lost" if name in now_silent else "is back"
+                    reporter.note(f"live: frame {arrival.number}: camera {name} {what}")
+                dropped += 0 if last is None else arrival.number - last - 1
+                seen = iter(arrival.seen)
+                answers = [each.step(arrival.number, [*islice(seen, each.count)]) for each in trackers]
+                if len(people) == 1:
+                    tell(arrival, dropped, answers)
+                else:
+                    # Where people share a GPU, the next frame is on its way while this one is tracked and sent.
+                    told.append(beside.submit(tell, arrival, dropped, answers))
+                    if last is None or len(told) > (len(trackers) < len(people)):
+                        told.popleft().result()
+                last, silent = arrival.number, now_silent
+        except KeyboardInterrupt:  # as most sessions end
+            reporter.note("live: stopped")
+        for each in told:
+            each.result()
+    for person, smoothed in zip(people, [each for tracker in trackers for each in tracker.rest()], strict=True):
+        person.smoothed(smoothed, dropped)
     median, late, most = np.percentile(delays or [np.nan], [50, 99, 100]).tolist()
     return replace(report, delay_ms=(median, late, most))
 

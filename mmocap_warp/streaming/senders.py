@@ -26,7 +26,7 @@ from mmocap_warp.errors import InputError, UsageError, input_errors, missing_pac
 from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
 from mmocap_warp.result.excerpt import quarter_turn
 from mmocap_warp.scene.mask_writing import TINTS
-from mmocap_warp.tracking.live import LiveFrame
+from mmocap_warp.tracking.live_smoothing import LiveFrame
 
 _HERE = "mmocap_warp.streaming"
 _UNSENT = 256  # packets that wait for a slow listener; it misses later ones
@@ -186,14 +186,11 @@ def _page(people: Mapping[str, Subject], rig: CameraRig) -> str:
     shown = [look | {"body": body_content(each.body)} for look, each in zip(several, people.values(), strict=True)]
     content = {"people": shown, "cameras": cameras, "names": rig.names, "colours": COLOURS}
     scripts = [resource("mmocap_warp.display.page", f"{name}.js") for name in ("data", "pinhole", "stage", "layers")]
-    return filled(
-        resource(_HERE, "live.html"),
-        title="Live",
-        script="\n".join([*scripts, resource(_HERE, "live.js")]),
-        style=colour_rules(":root") + resource("mmocap_warp.display.page", "page.css"),
-        connects="'self'",
-        content=embedded(content | {"up": rig.up_vector.tolist()}),
-    )
+    script = "\n".join([*scripts, resource(_HERE, "live.js")])
+    style = colour_rules(":root") + resource("mmocap_warp.display.page", "page.css")
+    shown_content = embedded(content | {"up": rig.up_vector.tolist()})
+    template = resource(_HERE, "live.html")
+    return filled(template, title="Live", script=script, style=style, connects="'self'", content=shown_content)
 
 
 class _Vmc:

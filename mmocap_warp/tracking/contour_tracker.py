@@ -96,6 +96,7 @@ class ContourTracker:
         self._look_interval = look_interval(abs(fps))
         first = np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0)
         self._state, self._has_searched = ContourState.at(first, len(subject.body.skeleton.parts)), True
+        self._begun: Observation | None = None
 
     @property
     def state(self) -> ContourState:
@@ -114,13 +115,24 @@ class ContourTracker:
             self.search.counter.assign(state.counter)
             self.search.remember(state.search_memory)
 
-    def step(self, observation: Observation) -> FrameAnswer:
-        """Find the pose of the next frame. Without any foreground the frame is lost and keeps the last pose."""
+    def begin(self, observation: Observation) -> None:
+        """Let a GPU begin with the frame of the next :meth:`step`, which need not wait for it."""
+        self._begun = observation
         if not observation.foreground.any():
-            return lost_frame(self._state.pose.copy(), observation)
-        started = time.perf_counter()
+            return
         self._fitter.observe(0, observation)
         self._judge.observe(observation)
+        if not self.config.polish:
+            self._descend(self._usual_starts(), _STEPS)
+
+    def step(self, observation: Observation) -> FrameAnswer:
+        """Find the pose of the next frame. Without any foreground the frame is lost and keeps the last pose."""
+        started = time.perf_counter()
+        if self._begun is not observation:
+            self.begin(observation)
+        self._begun = None
+        if not observation.foreground.any():
+            return lost_frame(self._state.pose.copy(), observation)
 
         # Find the best pose of each run.
         evaluations, rescued = 0, np.zeros(self._runs, bool)
@@ -128,7 +140,7 @@ class ContourTracker:
             starts = self._searched(self.search, np.ones(self._runs, bool), observation)
             answer, evaluations = self._best_fit(starts, observation, _STEPS_FAR), self.search.evaluations
         else:
-            answer = self._best_fit(self._usual_starts(), observation, _STEPS)
+            answer = self._best(_STARTS, observation)
             if self.search_interval == 1:
                 climbing = self._falls_short(answer) & (~self._state.climbed_in_vain | self._is_lost(answer))
             else:  # live, where a climb delays the frames after it
@@ -266,10 +278,14 @@ class ContourTracker:
 
     def _best_fit(self, starts: np.ndarray, observation: Observation, steps: int) -> Candidates:
         """Fit starts (run, start, coordinate) by their contours: each run's best."""
-        runs, count, _ = starts.shape
-        fitted = self._fitted(starts, observation, steps)
-        best = np.argmax(fitted.overlap.reshape(runs, count), axis=1)
-        return fitted[best + count * np.arange(runs)]
+        self._descend(starts, steps)
+        return self._best(starts.shape[1], observation)
+
+    def _best(self, count: int, observation: Observation) -> Candidates:
+        """Of so many poses of each run that contours led to, each run's best."""
+        fitted = self._read(self._runs * count, observation)
+        best = np.argmax(fitted.overlap.reshape(self._runs, count), axis=1)
+        return fitted[best + count * np.arange(self._runs)]
 
     def _promising(self, starts: np.ndarray) -> np.ndarray:
         """Of starts (run, start, coordinate), where a few steps lead those of each run that then cost least."""
@@ -282,7 +298,11 @@ class ContourTracker:
     def _fitted(self, starts: np.ndarray, observation: Observation, steps: int) -> Candidates:
         """The poses (run x start) that contours lead to from starts (run, start, coordinate)."""
         self._descend(starts, steps)
-        pose, tally, cost, pixels = self._answers.read(starts.shape[0] * starts.shape[1])
+        return self._read(starts.shape[0] * starts.shape[1], observation)
+
+    def _read(self, total: int, observation: Observation) -> Candidates:
+        """The first poses that contours led to."""
+        pose, tally, cost, pixels = self._answers.read(total)
         # Of the lengths of exposed outline in the views, the second longest.
         exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)
         iou = overlap(pixels, observation)

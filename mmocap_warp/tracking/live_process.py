@@ -1,60 +1,89 @@
-"""A person who is tracked live by a process of their own, so that several are tracked at a time."""
+"""People who are tracked live together: one in this process, several in others, which work at a time."""
 
+import gc
 import multiprocessing
 import signal
-from collections.abc import Iterator
-from contextlib import closing, suppress
-from threading import Lock
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing, suppress
 from typing import Any
 
-from mmocap_warp.device.resolve import start_quietly
+from mmocap_warp.device.resolve import resolve_device, start_quietly
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.tracking.live import LiveFrame, LiveTracker
+from mmocap_warp.tracking.live import LiveTracker
+from mmocap_warp.tracking.live_smoothing import LiveFrame, SmoothingProcess
+
+_MOST_TOGETHER = 3  # people that a process tracks by a GPU, on which their frames overlap
+
+Answers = tuple[Sequence[LiveFrame], Sequence[Iterable[LiveFrame]]]
+"""Of each person, the answer at once, and the smoothed ones that have come since the last time."""
+
+
+class LiveHere:
+    """One person's :class:`LiveTracker`, with what :class:`LiveProcess` has."""
+
+    count = 1
+
+    def __init__(self, *about: Any) -> None:
+        self._tracker = LiveTracker(*about)
+        self.close = self._tracker.close
+
+    def wait(self) -> None:
+        """Nothing is to be waited for."""
+
+    def step(self, number: int, seen: Sequence[Observation]) -> Future[Answers]:
+        """What was found."""
+        found: Future[Answers] = Future()
+        found.set_result(([self._tracker.step(number, seen[0])], [self._tracker.smoothed()]))
+        return found
+
+    def rest(self) -> list[Iterable[LiveFrame]]:
+        """The smoothed answers that are missing, once no frame will come."""
+        return [self._tracker.rest()]
 
 
 class LiveProcess:
-    """A :class:`LiveTracker` in another process, and as that, it is to be closed; its arguments are the same.
+    """A :class:`LiveTracker` of each of several people, in another process; it is to be closed.
 
-    The tracker is made while other work is done: :meth:`wait` before the first frame. Arguments that cannot be, and
-    wrong input, are raised here, and a RuntimeError if the process ends.
+    The trackers are made while other work is done: :meth:`wait` before the first frame. Arguments that cannot be, and
+    wrong input, are raised there, and a RuntimeError wherever the process ends.
+
+    Attributes:
+        count: of the people.
     """
 
-    def __init__(self, *about: Any) -> None:
+    def __init__(self, people: Sequence[tuple[Any, ...]]) -> None:
+        self.count = len(people)
         context = multiprocessing.get_context("spawn")  # a fork would not survive CUDA
         self._line, other_end = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other_end, *about))
+        self._process = context.Process(target=_serve, args=(other_end, people))
         self._process.start()
         other_end.close()
-        self._smoothed: list[LiveFrame] = []
-        self._turn = Lock()  # Ctrl-C asks for the rest while another thread waits for a step
+        # Threads, since Ctrl-C could interrupt a message. What is sent is answered in turn.
+        self._sending, self._receiving = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
 
     def wait(self) -> None:
-        """Wait until the tracker is made."""
-        self._receive()
+        """Wait until the trackers are made."""
+        self._receiving.submit(self._receive).result()
 
     def close(self) -> None:
         """End the process."""
         self._line.close()
         self._process.join()
+        for each in (self._sending, self._receiving):
+            each.shutdown()
 
-    def step(self, number: int, observation: Observation) -> LiveFrame:
-        """See :meth:`LiveTracker.step`; other threads run while this one waits."""
-        with self._turn:
-            self._line.send((number, observation))
-            frame, smoothed = self._receive()
-            self._smoothed += smoothed
-        return frame  # type: ignore[no-any-return]
+    def step(self, number: int, seen: Sequence[Observation]) -> Future[Answers]:
+        """What is going to be found of each person; see :meth:`LiveTracker.step`."""
+        return self._ask((number, seen))
 
-    def smoothed(self) -> Iterator[LiveFrame]:
-        """The frames whose smoothed answers had come by the last step."""
-        smoothed, self._smoothed = self._smoothed, []
-        return iter(smoothed)
+    def rest(self) -> list[Iterable[LiveFrame]]:
+        """Of each person, the smoothed answers that are missing, once no frame will come."""
+        return self._ask(None).result()  # type: ignore[no-any-return]
 
-    def rest(self) -> Iterator[LiveFrame]:
-        """The smoothed answers that are missing, once no frame will come."""
-        with self._turn:
-            self._line.send(None)
-            yield from self._smoothed + self._receive()
+    def _ask(self, question: Any) -> Future[Any]:
+        self._sending.submit(self._line.send, question)
+        return self._receiving.submit(self._receive)
 
     def _receive(self) -> Any:
         try:
@@ -67,17 +96,35 @@ class LiveProcess:
         return answer
 
 
-def _serve(line: Any, *about: Any) -> None:
+def _serve(line: Any, people: Sequence[tuple[Any, ...]]) -> None:
     """Track the frames that come on a line, up to a None, until its other end is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     start_quietly()
-    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError), ExitStack() as stack:
         try:
-            with closing(LiveTracker(*about, alone=False)) as tracker:
-                line.send(None)
-                for number, observation in iter(line.recv, None):
-                    frame = tracker.step(number, observation)
-                    line.send((frame, list(tracker.smoothed())))
-                line.send(list(tracker.rest()))
+            smoother = stack.enter_context(closing(SmoothingProcess(people)))
+            trackers = [LiveTracker(*about, smoothed_by=(smoother, n)) for n, about in enumerate(people)]
+            gc.collect()
+            gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
+            line.send(None)
+            reading = stack.enter_context(ThreadPoolExecutor(1))
+            coming = reading.submit(line.recv)
+            while (frame := coming.result()) is not None:
+                coming, (number, seen) = reading.submit(line.recv), frame  # the next is read while this one is tracked
+                for tracker, each in zip(trackers, seen, strict=True):
+                    tracker.begin(number, each)
+                frames = [tracker.finish() for tracker in trackers]
+                line.send((frames, [list(tracker.smoothed()) for tracker in trackers]))
+            line.send([list(tracker.rest()) for tracker in trackers])
         except (TypeError, ValueError) as error:
             line.send(error)
+
+
+Trackers = Sequence[LiveHere | LiveProcess]
+
+
+def make_live(device: str, people: Sequence[tuple[Any, ...]]) -> Iterator[LiveHere | LiveProcess]:
+    """What tracks people, so many each; ``people`` are the first five arguments of a :class:`LiveTracker` each."""
+    most = 1 if resolve_device(device) == "cpu" else _MOST_TOGETHER
+    for first in range(0, len(people), most):
+        yield LiveProcess(people[first : first + most]) if len(people) > 1 else LiveHere(*people[0])

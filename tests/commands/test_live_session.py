@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ import mmocap_warp as mm
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.formats.usd.usd_people import results_in
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.live import LiveFrame
+from mmocap_warp.tracking.live_smoothing import LiveFrame
 
 WALK = ROOT / "walk"
 SETTINGS = {"device": "cpu", "scale": 0.25, "algorithm": "contour"}
@@ -60,26 +61,25 @@ class Listener(mm.Reporter):
 
 
 class Standing:
-    """Instead of a tracker, somebody who stays where they are; what is said at once is said again in the end."""
+    """Instead of trackers, people who stay where they are; what is said at once is said again in the end."""
 
-    def __init__(self, subject, cameras, fps, config, hidden=False) -> None:
-        self.subject, self.hidden, self.frames = subject, hidden, []
+    def __init__(self, *people) -> None:
+        self.people, self.count, self.frames = people, len(people), [[] for _ in people]
 
     def wait(self) -> None:
         """Nothing is being made."""
 
-    def step(self, number, observation) -> LiveFrame:
-        """The same pose again."""
-        pose, joints = self.subject.pose[None], np.zeros((1, len(self.subject.body.skeleton.joints), 3))
-        iou = observation.foreground[None] / 1000.0  # tells who was seen
-        self.frames.append(LiveFrame(number, pose, pose, joints, iou, ("tracked",)))
-        return self.frames[-1]
+    def step(self, number, seen) -> Future:
+        """The same poses again."""
+        found = Future()
+        for (subject, *_), observation, frames in zip(self.people, seen, self.frames, strict=True):
+            pose, joints = subject.pose[None], np.zeros((1, len(subject.body.skeleton.joints), 3))
+            iou = observation.foreground[None] / 1000.0  # tells who was seen
+            frames.append(LiveFrame(number, pose, pose, joints, iou, ("tracked",)))
+        found.set_result(([frames[-1] for frames in self.frames], [[] for _ in self.people]))
+        return found
 
-    def smoothed(self) -> list[LiveFrame]:
-        """Nothing before the end."""
-        return []
-
-    def rest(self) -> list[LiveFrame]:
+    def rest(self) -> list[list[LiveFrame]]:
         """All frames."""
         return self.frames
 
@@ -96,8 +96,7 @@ def test_several_people_have_a_file_each_and_one_of_all(tmp_path, monkeypatch):
     (folder / "scene.toml").write_text(SCENE + tables)
     write_subject(folder / "me.usdc", synthetic_subject())
     monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames: frames)
-    for kind in ("LiveTracker", "LiveProcess"):
-        monkeypatch.setattr(f"mmocap_warp.commands.live_session.{kind}", Standing)
+    monkeypatch.setattr("mmocap_warp.commands.live_session.make_live", lambda _, people: [Standing(*people)])
     record = tmp_path / "live.usdc"
     assert mm.live(folder, record=record, device="cpu").frames == FRAMES
     files = results_in(record)

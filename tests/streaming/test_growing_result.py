@@ -10,7 +10,7 @@ from synthetic import ring_rig, synthetic_poses, synthetic_subject
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.streaming.growing_result import GrowingResult, finish
 from mmocap_warp.streaming.senders import Packet
-from mmocap_warp.tracking.live import LiveFrame
+from mmocap_warp.tracking.live_smoothing import LiveFrame
 from mmocap_warp.tracking.track_config import TrackConfig
 
 SUBJECT, RIG = synthetic_subject(), ring_rig(2)

@@ -19,7 +19,7 @@ from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.streaming.senders import Packet, open_sender
-from mmocap_warp.tracking.live import LiveFrame
+from mmocap_warp.tracking.live_smoothing import LiveFrame
 
 
 def check(told: dict) -> None:

@@ -11,7 +11,8 @@ from tracked_motion import FPS, FRAMES, RIG, marker_errors, motion
 
 from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.tracking.frame_loop import track_observations
-from mmocap_warp.tracking.live import LiveFrame, track_live
+from mmocap_warp.tracking.live import track_live
+from mmocap_warp.tracking.live_smoothing import LiveFrame
 from mmocap_warp.tracking.track_config import TrackConfig
 
 CONFIG = TrackConfig("contour", device="cpu", threads=1)

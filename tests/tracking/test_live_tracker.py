@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pickle
-import time
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import ExitStack, closing
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -17,8 +16,9 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_observations
-from mmocap_warp.tracking.live import LiveFrame, LiveTracker
-from mmocap_warp.tracking.live_process import LiveProcess
+from mmocap_warp.tracking.live import LiveTracker
+from mmocap_warp.tracking.live_process import LiveHere, LiveProcess, make_live
+from mmocap_warp.tracking.live_smoothing import LiveFrame
 from mmocap_warp.tracking.track_config import TrackConfig
 
 CONFIG = TrackConfig("contour", device="cpu", threads=1)
@@ -80,6 +80,23 @@ def test_smoothed_answers_fill_what_was_dropped(answers):
             np.testing.assert_array_equal(frame.raw_pose, raw[frame.number])
 
 
+def test_frames_of_several_people_that_are_begun_together_get_the_answers_of_each_alone(device):
+    seen = motion(device)[1][:4]
+    config = replace(CONFIG, device=device)
+    first_is_lost = [each.without(np.arange(len(each.foreground)) == 0) for each in seen]
+
+    def tracker() -> LiveTracker:
+        return stack.enter_context(closing(LiveTracker(synthetic_subject(), RIG, FPS, config)))
+
+    with ExitStack() as stack:
+        one, other, alone, other_alone = (tracker() for _ in range(4))
+        for number, (of_one, of_other) in enumerate(zip(seen, first_is_lost, strict=True)):
+            one.begin(number, of_one)
+            other.begin(number, of_other)
+            np.testing.assert_array_equal(one.finish().pose, alone.step(number, of_one).pose)
+            np.testing.assert_array_equal(other.finish().pose, other_alone.step(number, of_other).pose)
+
+
 def test_only_every_so_many_frames_may_be_searched_for():
     tracker = ContourTracker(synthetic_subject(), RIG, TrackConfig(device="cpu", threads=1, evaluations=20), FPS)
     tracker.search_interval = 2
@@ -101,24 +118,41 @@ def test_without_smoothing_there_is_no_second_answer():
         LiveTracker(synthetic_subject(), RIG, FPS, TrackConfig("h-cmaes", device="cpu"))
 
 
-def test_another_process_gives_the_same_answers(answers):
-    with closing(LiveProcess(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
-        tracker.wait()
-        *first, last = enumerate(motion("cpu")[1][: DROPPED[0]])
-        at_once = [tracker.step(n, seen) for n, seen in first]
-        with ThreadPoolExecutor(1) as pool:  # as a thread that waits for a step when Ctrl-C is pressed
-            at_last = pool.submit(tracker.step, *last)
-            while not tracker._turn.locked():
-                time.sleep(0.001)
-            later = list(tracker.rest())
-        at_once.append(at_last.result())
-    for one, other in zip(answers[0], at_once, strict=False):
-        np.testing.assert_array_equal(one.pose, other.pose)
-    assert [frame.number for frame in later] == [*range(DROPPED[0])]
+def test_another_process_gives_each_person_the_same_answers(answers):
+    with closing(LiveProcess([(synthetic_subject(), RIG, FPS, CONFIG)] * 2)) as trackers:
+        trackers.wait()
+        seen = motion("cpu")[1][: DROPPED[0]]
+        found = [trackers.step(n, [each, each]) for n, each in enumerate(seen)]
+        rest = trackers.rest()
+        found = [each.result() for each in found]
+    for person in range(2):
+        for one, (at_once, _) in zip(answers[0], found, strict=False):
+            np.testing.assert_array_equal(one.pose, at_once[person].pose)
+        smoothed = [frame for _, later in [*found, ([], rest)] for frame in later[person]]
+        assert [frame.number for frame in smoothed] == [*range(DROPPED[0])]
+
+
+def test_on_a_gpu_a_process_tracks_three_people(monkeypatch):
+    monkeypatch.setattr("mmocap_warp.tracking.live_process.resolve_device", lambda name: name)
+    for kind in ("LiveProcess", "LiveTracker"):
+        monkeypatch.setattr(f"mmocap_warp.tracking.live_process.{kind}", Made)
+    five = [(name,) for name in "abcde"]
+    assert [each.about for each in make_live("cuda:0", five)] == [(five[:3],), (five[3:],)]
+    assert [each.about for each in make_live("cpu", five)] == [([each],) for each in five]
+    (one,) = make_live("cuda:0", five[:1])
+    assert isinstance(one, LiveHere)
+    assert one._tracker.about == ("a",)
+
+
+class Made:
+    """What is made of something."""
+
+    def __init__(self, *about) -> None:
+        self.about, self.close = about, None
 
 
 def test_what_goes_wrong_in_another_process_is_raised_here():
-    with closing(LiveProcess(synthetic_subject(), RIG, FPS, TrackConfig("h-cmaes", device="cpu"))) as tracker:
+    with closing(LiveProcess([(synthetic_subject(), RIG, FPS, TrackConfig("h-cmaes", device="cpu"))])) as tracker:
         with pytest.raises(ValueError, match="smooth must be more than 0 to track live"):
             tracker.wait()
         with pytest.raises(RuntimeError, match="a process that tracks ended with exit code 0"):
@@ -145,8 +179,8 @@ def test_the_same_frames_get_the_same_answers(answers):
 def test_a_process_that_dies_is_told_of():
     seen = [unpack_masks(each.words, RIG.size) for each in motion("cpu")[1]]
     with closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
-        tracker._process.kill()
-        tracker._process.join()
+        tracker._smoother._process.kill()
+        tracker._smoother._process.join()
         tracker.step(0, seen[0])
         with pytest.raises(RuntimeError, match="the process that smooths ended with exit code -9"):
             list(tracker.rest())

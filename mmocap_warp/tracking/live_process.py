@@ -2,7 +2,9 @@
 
 import gc
 import multiprocessing
+import queue
 import signal
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
@@ -107,10 +109,7 @@ def _serve(line: Any, people: Sequence[tuple[Any, ...]]) -> None:
             gc.collect()
             gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
             line.send(None)
-            reading = stack.enter_context(ThreadPoolExecutor(1))
-            coming = reading.submit(line.recv)
-            while (frame := coming.result()) is not None:
-                coming, (number, seen) = reading.submit(line.recv), frame  # the next is read while this one is tracked
+            for number, seen in _read_ahead(line):
                 for tracker, each in zip(trackers, seen, strict=True):
                     tracker.begin(number, each)
                 frames = [tracker.finish() for tracker in trackers]
@@ -118,6 +117,20 @@ def _serve(line: Any, people: Sequence[tuple[Any, ...]]) -> None:
             line.send([list(tracker.rest()) for tracker in trackers])
         except (TypeError, ValueError) as error:
             line.send(error)
+
+
+def _read_ahead(line: Any) -> Iterator[Any]:
+    """What comes on a line, up to a None or its end; the next is read while one is worked on."""
+    come: queue.Queue[Any] = queue.Queue(1)
+
+    def read() -> None:
+        with suppress(EOFError, ConnectionResetError):
+            for each in iter(line.recv, None):
+                come.put(each)
+        come.put(None)
+
+    threading.Thread(target=read, daemon=True).start()  # a process that fails does not wait for it
+    return iter(come.get, None)
 
 
 Trackers = Sequence[LiveHere | LiveProcess]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from multiprocessing import Pipe
 
 import cv2
 import numpy as np
@@ -14,6 +16,7 @@ from tracked_motion import FPS, FRAMES, RIG, marker_errors, motion
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import Observation, unpack_masks
+from mmocap_warp.tracking import live_process
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_observations
 from mmocap_warp.tracking.live import LiveTracker
@@ -142,6 +145,32 @@ def test_on_a_gpu_a_process_tracks_three_people(monkeypatch):
     (one,) = make_live("cuda:0", five[:1])
     assert isinstance(one, LiveHere)
     assert one._tracker.about == ("a",)
+
+
+class Failing:
+    """A tracker whose process that smooths has died."""
+
+    def __init__(self, *_, **__) -> None:
+        pass
+
+    def begin(self, *_) -> None:
+        raise RuntimeError("the process that smooths ended")
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def test_a_process_that_fails_ends_and_waits_for_no_other_frame(monkeypatch):
+    for kind in ("LiveTracker", "SmoothingProcess"):
+        monkeypatch.setattr(live_process, kind, Failing)
+    monkeypatch.setattr(live_process.signal, "signal", lambda *_: None)  # which only a main thread may set
+    here, there = Pipe()
+    with ThreadPoolExecutor(1) as pool, closing(here):
+        process = pool.submit(live_process._serve, there, [()])
+        assert here.recv() is None
+        here.send((0, [None]))
+        with pytest.raises(RuntimeError, match="the process that smooths ended"):
+            process.result(timeout=20)
 
 
 class Made:

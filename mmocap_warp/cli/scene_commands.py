@@ -110,7 +110,7 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f}" if share == share else "-"
 
 
-_KEYS = {"centre_m": "centre", "height_m": "height", "nearest_m": "nearest", "field_of_view_deg": "field_of_view"}
+_ROW_KEYS = {"centre_m": "centre", "height_m": "height", "nearest_m": "nearest", "field_of_view_deg": "field_of_view"}
 
 
 @command("calibrate:show_cameras", order="pictures", pictures=Annotated[Path | None, Output])
@@ -126,7 +126,7 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
         step = next_step("mask", loaded.path, "-o", folder / "masks", *options)
     values = {
         "cameras": [
-            {"name": row.name, "size": size} | attributes(row, **_KEYS)
+            {"name": row.name, "size": size} | attributes(row, **_ROW_KEYS)
             for row, size in zip(shown.rows, shown.size, strict=True)
         ],
         **attributes(shown, "up", mean_height_m="mean_height", mean_height_ok="plausible", pictures="pictures"),

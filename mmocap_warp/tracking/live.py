@@ -103,14 +103,14 @@ class LiveTracker:
     ) -> None:
         if not config.acceleration:
             raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
-        self._smoother, self._person = smoothed_by or (SmoothingProcess([(subject, cameras, fps, config)]), 0)
-        body = subject.body
+        body, given = subject.body, (subject, cameras, fps, config)
         self._poser, self._units = Poser(body, subject.root_base), body.skeleton.units(body.unit)
         subject, cameras, config = in_own_unit(subject, cameras, config)
         device = resolve_device(config.device)
         self._stream = None if device == "cpu" else wp.Stream(device)  # several trackers' streams run side by side
         with self._own_stream():
             self._tracker = make_tracker(subject, cameras, config, fps)
+            self._smoother, self._person = smoothed_by or (SmoothingProcess([given]), 0)
             if isinstance(self._tracker, ContourTracker):
                 self._tracker.search_interval = max(2, round(_SEARCH_INTERVAL * fps))
             self._silhouettes_of, self._fps = body_silhouettes(subject, cameras), fps
@@ -138,7 +138,7 @@ class LiveTracker:
         self._followed = with_holes(come, self._fps, lambda _: self._silhouettes_of(self._tracker.state.pose))
 
     def close(self) -> None:
-        """End the process that smooths, if it is the tracker's own."""
+        """End the process that smooths, the other people's too where it has several."""
         self._smoother.close()
 
     def step(self, number: int, seen: Observation | Sequence[np.ndarray]) -> LiveFrame:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.contour.clip.backward_pass import STARTS, least_costly, next_starts, places_by_acceleration
-from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
+from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, Trust
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
@@ -169,7 +169,7 @@ class _SpanSearch:
         for number in (1, 2):
             known = answers[number].where(chosen == number, known)
         least = (_CHANGED if pinned else _ANOTHER_PLACE) * self._size
-        changed = (chosen > 0) & (self._apart(known, self._known) > least)
+        changed = (chosen > 0) & (self._points.apart(known, self._known) > least)
         left = self._rooting.leave(known, pose[0, 3:6])
         return np.where(changed[:, None], left, pose), changed
 
@@ -236,16 +236,11 @@ class _SpanSearch:
             found = fitted[best : best + 1]
             before, last = last, self._rooting.leave(found, last[3:6])[0]
             way, there[f] = way.with_frames(np.array([f]), self._rooting.refold(found)), True
-            near = self._apart(way[f : f + 1], self._known[f : f + 1])[0] < _AGREES * self._size
+            near = self._points.apart(way[f : f + 1], self._known[f : f + 1])[0] < _AGREES * self._size
             agreeing = agreeing + 1 if near else 0
             if agreeing == _AGREEING:
                 break
         return way
-
-    def _apart(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
-        """(frame,) how far the joint is that moved most [m]."""
-        apart = (self._points.at(one) - self._points.at(other))[:, ::POINTS_A_JOINT]
-        return np.asarray(np.linalg.norm(apart, axis=2).max(axis=1))
 
     def _costs(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
         """(pose, 2) what contours and pins, and what areas cost."""

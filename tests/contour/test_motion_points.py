@@ -41,6 +41,14 @@ def test_points_are_centres_and_places_on_the_axes(body):
         np.testing.assert_allclose(points[:, :, 1 + axis], on_axis, atol=1e-12)
 
 
+def test_poses_are_apart_by_the_joint_that_moved_most(body):
+    one, other, of_body = anywhere(body), anywhere(body, frames=4)[3:], points_of(body)
+    centres, others = (of_body.at(poses)[:, ::4] for poses in (one, other))
+    np.testing.assert_allclose(of_body.apart(one, one), 0.0, atol=0.0)
+    farthest = np.linalg.norm(centres - others, axis=2).max(axis=1)
+    np.testing.assert_allclose(of_body.apart(one, other), farthest, atol=1e-12)
+
+
 def test_derivatives_are_finite_differences(body):
     rooted = anywhere(body)
     of_body = points_of(body)

@@ -179,8 +179,7 @@ class BackwardPass:
 
     def _differ(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
         """(frame,) bool: whether a joint is in another place."""
-        apart = self.points.at(one) - self.points.at(other)
-        return np.asarray(np.linalg.norm(apart[:, ::POINTS_A_JOINT], axis=2).max(axis=1) > _ANOTHER_PLACE)
+        return self.points.apart(one, other) > _ANOTHER_PLACE
 
     def _followed_back(self, frames: np.ndarray, known: RootedPoses, cost: np.ndarray, seen: np.ndarray) -> RootedPoses:
         """Poses from the last frame that is seen to the first, each found from those after it.
@@ -254,9 +253,10 @@ class BackwardPass:
             moved = there[np.zeros(len(memory), int)]
             moved.pose[:, moving] = memory[:, moving]
             starts.append(moved)
-            areas.append(np.where(self._differ(moved, there), self.areas(at, moved, moving), np.inf))
-        best = np.argsort(np.concatenate(areas), kind="stable")[:_BEST_RECALLED]
-        return self._better(frame, there, starts[0].followed_by(*starts[1:])[best])
+            areas.append(self.areas(at, moved, moving))
+        recalled = starts[0].followed_by(*starts[1:])
+        cost = np.where(self._differ(recalled, there), np.concatenate(areas), np.inf)
+        return self._better(frame, there, recalled[np.argsort(cost, kind="stable")[:_BEST_RECALLED]])
 
     def _followed_ahead(self, frames: np.ndarray, way: RootedPoses, f: int, seen: np.ndarray) -> RootedPoses:
         """The way with poses found forwards from frame ``f``, where a limb was recalled, while they clearly cost less.

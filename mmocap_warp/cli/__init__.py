@@ -137,21 +137,17 @@ def _run(tokens: list[str]) -> int:
         return _fail(f"{error} (mmocap --help lists what is possible)", USAGE)
     except UsageError as error:
         return _fail(error.flags, USAGE)
-    except InputError as error:
-        if debug:
-            raise
-        return _fail(str(error), BAD_INPUT)
     except Terminated:
         return _fail("terminated", TERMINATED)
     except KeyboardInterrupt:
         return _fail("interrupted", INTERRUPTED)
-    except MemoryError:
-        if debug:
-            raise
-        return _fail("not enough memory; try fewer runs, evaluations or headings, or a smaller --scale", FAILURE)
     except Exception as error:
         if debug or (isinstance(error, OSError) and error.errno in _NO_ROOM):
             raise
+        if isinstance(error, InputError):
+            return _fail(str(error), BAD_INPUT)
+        if isinstance(error, MemoryError):
+            return _fail("not enough memory; try fewer runs, evaluations or headings, or a smaller --scale", FAILURE)
         if cache := _kernel_cache_at_fault(error):
             return _fail(cache, BAD_INPUT)
         return _fail(f"unexpected {type(error).__name__}: {error} (repeat with --debug to see where)", FAILURE)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, AdjustConfig, Deviations
 from mmocap_warp.cli.command import Answer, Given, attributes, command
-from mmocap_warp.cli.console import CHECK_FAILED, OK, Output, flags_of, given, next_step, table
+from mmocap_warp.cli.console import Output, checked, flags_of, given, next_step, table
 from mmocap_warp.formats.toml_table import quoted_path
 from mmocap_warp.tracking.track_config import REFINE
 
@@ -56,7 +56,7 @@ def check(call: Any, loaded: Scene) -> Answer:
         "findings": [_finding_values(finding, result) for finding in result.findings],
         "pictures": result.pictures,
     }
-    return Answer(values, lines, CHECK_FAILED if result.findings else OK)
+    return Answer(values, lines, checked(not result.findings))
 
 
 def _finding_line(finding: Finding, result: CameraCheck) -> str:
@@ -118,7 +118,7 @@ def refine(call: Any, loaded: Scene, output: Path, deviations: Any) -> Answer:
         why = "held-out frames are not explained better" if result.moved.any() else "no camera has to change"
         lines.append(f"nothing is written: {why}")
     values = _refinement_values(result, loaded) | {"file": output if result.better else None}
-    return Answer(values, lines, OK if result.better else CHECK_FAILED)
+    return Answer(values, lines, checked(result.better))
 
 
 def _refinement_values(result: Refinement, scene: Scene) -> dict[str, Any]:
@@ -157,14 +157,12 @@ def _refinement_lines(result: Refinement) -> list[str]:
     lines = [table(rows)] if len(rows) > 1 else ["no camera has to change"]
     fixed = "all cameras in their places" if result.fixed is None else names[result.fixed]
     lines.append(f"fixed: {fixed}; parameters that are not listed have not changed")
-    unknown = [f"{names[k]} {KINDS[kind].replace('_', ' ')}" for k, kind in np.argwhere(result.undetermined)]
-    if unknown:
+    if unknown := [f"{names[k]} {KINDS[kind].replace('_', ' ')}" for k, kind in np.argwhere(result.undetermined)]:
         lines.append(f"not determined by these masks: {', '.join(unknown)}")
     # How well held-out frames are explained.
     held_out: list[tuple[str, ...]] = [("held-out frames", "IoU before", "after", "by the others before", "after")]
     columns = (result.before.together, result.after.together, result.before.apart, result.after.apart)
-    for k, name in enumerate(names):
-        held_out.append((name, *(f"{column[k]:.3f}" for column in columns)))
+    held_out += [(name, *(f"{column[k]:.3f}" for column in columns)) for k, name in enumerate(names)]
     held_out.append(("mean", *(f"{np.nanmean(column):.3f}" for column in columns)))
     return [*lines, table(held_out)]
 

@@ -70,9 +70,8 @@ def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | 
                 "tilt_sigma_deg": np.degrees(cameras.tilt_sigma[k]),
                 "field_of_view_deg": row.field_of_view,
                 "focal_px": rig.K[k, 0, 0],
-                "focal_sigma": cameras.focal_sigma[k],
             }
-            | {key: of[k] for key, of in attributes(cameras, "focal", "agreed", whole_frames="whole").items()}
+            | attributes(cameras, "focal_sigma", "focal", "agreed", at=k, whole_frames="whole")
             for k, row in enumerate(describe_rig(rig))
         ],
         "frames": [cameras.frames.start, cameras.frames.stop, cameras.frames.step],
@@ -159,8 +158,7 @@ def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | Non
         share = f"{100 * found.focal_sigma[k]:.2f} %"
         numbers = f"{found.rms[k]:.2f}", f"{focal:.1f}", share, *(f"{value:.3f}" for value in centre)
         rows.append((name, used, str(found.place_frames[k]), f"{100 * found.coverage[k]:.0f} %", *numbers))
-        by_camera = attributes(found, "lens_frames", "place_frames", "coverage", residual_px="rms")
-        camera = {"name": name} | {key: values[k] for key, values in by_camera.items()}
+        camera = {"name": name} | attributes(found, "lens_frames", "place_frames", "coverage", at=k, residual_px="rms")
         cameras.append(camera | {"focal_px": focal, "focal_sigma": found.focal_sigma[k], "centre_m": centre})
     origin = "the board on the floor" if person is None else "the person's floor"
     if rig.up != "+z":

@@ -63,9 +63,10 @@ def answer_of_each(
     return Answer({"people": values}, lines, BAD_INPUT if BAD_INPUT in codes else max(codes))
 
 
-def attributes(of: object, *names: str, **keys: str) -> dict[str, Any]:
-    """Attributes of an object by their names, and by other keys."""
-    return {key: getattr(of, name) for key, name in [*zip(names, names, strict=True), *keys.items()]}
+def attributes(of: object, *names: str, at: int | None = None, **keys: str) -> dict[str, Any]:
+    """Attributes of an object by their names, and by other keys; with ``at``, the element there of each."""
+    values = {key: getattr(of, name) for key, name in [*zip(names, names, strict=True), *keys.items()]}
+    return values if at is None else {key: value[at] for key, value in values.items()}
 
 
 def command(
@@ -75,7 +76,7 @@ def command(
 
     The printing function names those of the parameters that it needs, besides ``console`` and ``call``, which does the
     work; arguments of ``call`` replace those of the command line. Where it names ``loaded``, the scene is read first.
-    It returns an :class:`Answer`, or an exit code where it has printed the answer itself.
+    It returns an :class:`Answer`.
 
     Args:
         target: ``module:function`` in the room of commands.
@@ -109,9 +110,7 @@ def command(
                 function = getattr(import_module(f"mmocap_warp.commands.{module}"), function_name)
                 return function(**passed | changes)
 
-            answer = print_answer(**{key: call if key == "call" else values[key] for key in needed})
-            if not isinstance(answer, Answer):
-                return answer
+            answer: Answer = print_answer(**{key: call if key == "call" else values[key] for key in needed})
             console.result(answer.values, "\n".join(map(str, answer.lines)))
             return answer.code
 

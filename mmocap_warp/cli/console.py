@@ -95,6 +95,11 @@ class Console(caller.Reporter):
         print(text)
 
 
+def checked(holds: bool) -> int:
+    """The exit code of a command that has checked something."""
+    return OK if holds else CHECK_FAILED
+
+
 def table(rows: Sequence[tuple[str, ...]], left: int | None = None) -> str:
     """Aligned columns: the first ``left`` of them at their left ends, all if it is None, the others at their right."""
     aligned = [

@@ -14,17 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from mmocap_warp.cli.command import BY_PLACE, Answer, Given, answer_of_each, command, several
-from mmocap_warp.cli.console import (
-    CHECK_FAILED,
-    OK,
-    Console,
-    ResultFrames,
-    SceneFrames,
-    flags_of,
-    given,
-    next_step,
-    table,
-)
+from mmocap_warp.cli.console import Console, ResultFrames, SceneFrames, checked, flags_of, given, next_step, table
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
@@ -109,9 +99,8 @@ def _report(console: Console, scene: Scene, output: Path, tracked: Result) -> An
     if warning:
         console.warn(warning)
     step = (report["verdict"]["cameras"] and report["verdict"]["next"]) or next_step("show", output)
-    code = OK if report["verdict"]["holds"] else CHECK_FAILED
     values = {"result": output, **report, "config": tracked.config, "next": step}
-    return Answer(values, [summary(report)], code)
+    return Answer(values, [summary(report)], checked(report["verdict"]["holds"]))
 
 
 @command(
@@ -190,7 +179,7 @@ def demo(call: Any, example: str) -> Answer:
     lines += [f"{name:<8} {path}" for name, path in files]
     if not shown.good:
         lines.append(f"check failed: {failure}")
-    return Answer({**values, "error_ok": shown.good}, lines, OK if shown.good else CHECK_FAILED)
+    return Answer({**values, "error_ok": shown.good}, lines, checked(shown.good))
 
 
 @command("evaluate:evaluate", frames=ResultFrames, joint_set=Given(str, "rig"))
@@ -203,7 +192,7 @@ def evaluate(call: Any, console: Console, result: Path, joint_set: str) -> Answe
         step = report["verdict"]["next"]
         by_joint = [] if joint_set == "rig" or "by_joint" not in report else [_by_joint(report["by_joint"])]
         lines = [summary(report), *by_joint, *([f"next: {step}"] if step else [])]
-        return Answer(report, lines, OK if good else CHECK_FAILED)
+        return Answer(report, lines, checked(good))
 
     people = {name: partial(evaluate_one, file) for name, file in results_in(result).items()}
     return answer_of_each(console, people) if people else evaluate_one(result)
@@ -211,10 +200,8 @@ def evaluate(call: Any, console: Console, result: Path, joint_set: str) -> Answe
 
 def _by_joint(errors: dict[str, dict[str, float | None]]) -> str:
     """A row for each joint: its median error, its constant offset, and what is left without that."""
-    rows = [
-        (name, *(_number(of[key], ".1f") for key in ("median_mm", "offset_mm", "left_mm")))
-        for name, of in errors.items()
-    ]
+    keys = ("median_mm", "offset_mm", "left_mm")
+    rows = [(name, *(_number(of[key], ".1f") for key in keys)) for name, of in errors.items()]
     return table([("joint", "median [mm]", "offset [mm]", "left [mm]"), *rows])
 
 
@@ -296,21 +283,17 @@ def _measures_text(values: dict[str, Any]) -> str:
             parts.append(table([("joint", title, "least", "mean", "most"), *rows]))
     if shown["on_floor_share"]:
         parts.append(_gait(shown))
-    height = shown["centre_of_mass_height_m"]
-    if height is not None:
+    if (height := shown["centre_of_mass_height_m"]) is not None:
         spread = ", ".join(f"{word} {height[key]:.3f}" for word, key in (("least", "min"), ("most", "max")))
         parts.append(f"centre of mass [m]: mean height {height['mean']:.3f}, {spread} ({values['shares_of_mass']})")
-    lengths = [
-        (bone, f"{length['length']:.0f}", _number(length["sigma"], ".0f"))
-        for bone, length in values["lengths_mm"].items()
-    ]
+    bones = values["lengths_mm"].items()
+    lengths = [(bone, f"{of['length']:.0f}", _number(of["sigma"], ".0f")) for bone, of in bones]
     parts.append(table([("bone", "length [mm]", "sigma [mm]"), *lengths]))
     if values["left_out"]:
         parts.append(f"left out, because the body lacks their joints: {', '.join(values['left_out'])}")
     if values["not_searched"]:
-        parts.append(
-            f"left out, because the model does not search them: {', '.join(values['not_searched']).replace('_', ' ')}"
-        )
+        names = ", ".join(values["not_searched"]).replace("_", " ")
+        parts.append(f"left out, because the model does not search them: {names}")
     if "files" in values:
         parts.append("\n".join(values["files"]))
     return "\n\n".join(parts)
@@ -319,12 +302,10 @@ def _measures_text(values: dict[str, Any]) -> str:
 def _gait(shown: dict[str, Any]) -> str:
     """A row for each foot, then the cadence."""
     rows: list[tuple[str, ...]] = [("foot", "heel strikes", "toe offs", "step [m]", "stride [m]", "stance", "on floor")]
+    forms = {"step_length_m": ".3f", "stride_length_m": ".3f", "stance_share": ".0%"}
     for side in shown["on_floor_share"]:
         events = (_frames(shown[key][side]) for key in ("strike_frames", "off_frames"))
-        means = (
-            _number(shown[key][side], form)
-            for key, form in (("step_length_m", ".3f"), ("stride_length_m", ".3f"), ("stance_share", ".0%"))
-        )
+        means = (_number(shown[key][side], form) for key, form in forms.items())
         rows.append((side, *events, *means, f"{shown['on_floor_share'][side]:.0%}"))
     return f"{table(rows)}\ncadence: {_number(shown['cadence_per_minute'], '.1f')} steps a minute"
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from mmocap_warp.cli.command import ANY_NUMBER, BY_PLACE, Answer, Given, attributes, command
-from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Output, SceneFrames, next_step, table
+from mmocap_warp.cli.console import Console, Output, SceneFrames, checked, next_step, table
 from mmocap_warp.formats.table import DATASETS
 
 if TYPE_CHECKING:
@@ -60,12 +60,8 @@ def mask(call: Any, scale: float) -> Answer:
     made = masks.consistency
     changes = {} if made is None else {"filled_px": made.filled, "cut_px": made.cut}
     views = {
-        name: {
-            "area_px": view.area,
-            "empty_frames": int((view.area == 0).sum()),
-            "explained": view.explained,
-            "covered": view.covered,
-        }
+        name: {"area_px": view.area, "empty_frames": int((view.area == 0).sum())}
+        | attributes(view, "explained", "covered")
         | {key: [int(frame[k]) for frame in each] for key, each in changes.items()}
         for k, (name, view) in enumerate(report.views.items())
     }
@@ -84,7 +80,7 @@ def mask(call: Any, scale: float) -> Answer:
             f" {next_step('calib', 'check', masks.scene)}"
         )
     lines += [f"next: {step}"] if good else [*(f"check failed: {fault}" for fault in report.faults), masks.remedy]
-    return Answer(values, lines, OK if good else CHECK_FAILED)
+    return Answer(values, lines, checked(good))
 
 
 def _mask_table(report: MaskReport, changes: dict[str, list[list[int]]]) -> list[str]:
@@ -110,9 +106,6 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f}" if share == share else "-"
 
 
-_ROW_KEYS = {"centre_m": "centre", "height_m": "height", "nearest_m": "nearest", "field_of_view_deg": "field_of_view"}
-
-
 @command("calibrate:show_cameras", order="pictures", pictures=Annotated[Path | None, Output])
 def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     from mmocap_warp.scene.scene_toml import load_scene
@@ -126,7 +119,8 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
         step = next_step("mask", loaded.path, "-o", folder / "masks", *options)
     values = {
         "cameras": [
-            {"name": row.name, "size": size} | attributes(row, **_ROW_KEYS)
+            {"name": row.name, "size": size, "centre_m": row.centre}
+            | attributes(row, height_m="height", nearest_m="nearest", field_of_view_deg="field_of_view")
             for row, size in zip(shown.rows, shown.size, strict=True)
         ],
         **attributes(shown, "up", mean_height_m="mean_height", mean_height_ok="plausible", pictures="pictures"),
@@ -139,7 +133,7 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
         lines.append(f"{pictures}: the world's axes in {len(shown.rows)} pictures, x red, y green, z blue")
     if shown.plausible:
         lines.append(f"next: {step}")
-    return Answer(values, lines, OK if shown.plausible else CHECK_FAILED)
+    return Answer(values, lines, checked(shown.plausible))
 
 
 @command("calibrate:sync", calibrated=False)
@@ -168,15 +162,12 @@ def sync(call: Any, loaded: Scene, write: bool) -> Answer:
         "faults": faults,
         "next": step if offsets.sure else None,
     }
-    lines = [
-        _offset_table(offsets, timing),
-        f"decided by {_DECIDED_BY[offsets.hull]}",
-        *(f"check failed: {fault}" for fault in faults),
-    ]
+    lines = [_offset_table(offsets, timing), f"decided by {_DECIDED_BY[offsets.hull]}"]
+    lines += [f"check failed: {fault}" for fault in faults]
     if not faults:
         lines += [f"{loaded.path}: written"] if write else _scene_lines(timing)
         lines += [f"next: {step}"] if step else []
-    return Answer(values, lines, OK if offsets.sure else CHECK_FAILED)
+    return Answer(values, lines, checked(offsets.sure))
 
 
 def _offset_table(offsets: Synchronisation, timing: dict[str, dict[str, float]]) -> str:
@@ -249,4 +240,4 @@ def validate(file: Path, /, *, console: Console | None = None) -> int:
     lines = faults(file)
     text = "\n".join(f"{file}: {line}" for line in lines or ["nothing wrong"])
     (console or Console()).result({"file": file, "faults": lines}, text)
-    return CHECK_FAILED if lines else OK
+    return checked(not lines)

@@ -13,7 +13,7 @@ from cyclopts import App, Parameter
 
 from mmocap_warp.cli import COMMANDS
 from mmocap_warp.cli.command import ANY_NUMBER, BY_PLACE, Answer, Given, attributes, command, several
-from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
+from mmocap_warp.cli.console import FAILURE, OK, Console, checked, table
 
 if TYPE_CHECKING:
     from mmocap_warp.commands.studies import StudyRun
@@ -125,7 +125,7 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
     lines += [f"damaged: {problem}" for problem in damaged]
     lines.append(f"{folder}: {len(rows)} results, {len(damaged)} damaged")
     (console or Console()).result({"folder": folder, "results": rows, "damaged": damaged}, "\n".join(lines))
-    return CHECK_FAILED if damaged else OK
+    return checked(not damaged)
 
 
 @app.command(help="Write a study's results as one HTML page.", sort_key=4)
@@ -155,4 +155,4 @@ def bench(call: Any, compare: Path | None) -> Answer:
     old = None if compare is None else read_report(compare)
     report = call()
     text = to_text(rendered(report, old), colours=sys.stdout.isatty())
-    return Answer(report, [text], OK if report["ok"] else CHECK_FAILED)
+    return Answer(report, [text], checked(report["ok"]))

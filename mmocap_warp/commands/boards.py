@@ -121,12 +121,11 @@ def _sources(videos: Sequence[Path]) -> dict[str, tuple[Frames, CameraSource | N
 def _lenses(file: Path, names: Sequence[str], sizes: np.ndarray) -> CameraRig:
     by_name = {name: (int(width), int(height)) for name, (width, height) in zip(names, sizes, strict=True)}
     rig = read_lenses(file, "+z", by_name) or read_calibration(file, "m", "+z", by_name)
-    for name, size in by_name.items():
+    for name, (width, height) in by_name.items():
         if name not in rig.names or name in rig.fisheye:
             problem = f"has no lens of camera '{name}' that is not a fisheye"
             raise InputError(file, problem, f"it has {', '.join(rig.names)}; name the videos as its cameras")
-        if tuple(rig.size[rig.names.index(name)]) != size:
-            width, height = size
+        if tuple(rig.size[rig.names.index(name)]) != (width, height):
             problem = f"the lens of camera '{name}' is of images of another size than its video's {width}x{height}"
             raise InputError(file, problem, "film at the size of the lens's calibration, or leave --known out")
     return rig

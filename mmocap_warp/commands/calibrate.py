@@ -352,11 +352,8 @@ def convert_cameras(
     if size is not None and pixels is None:
         raise UsageError(f"--size must be such as 1920x1080, got '{size}'")
     files = calibration_files(output)
-    if isinstance(calibration, CameraRig):
-        rig = calibration
-    else:
-        sizes = None if pixels is None else {EVERY_OTHER: (int(pixels[1]), int(pixels[2]))}
-        rig = read_calibration(Path(calibration), units, up, sizes)
+    sizes = None if pixels is None else {EVERY_OTHER: (int(pixels[1]), int(pixels[2]))}
+    rig = calibration if isinstance(calibration, CameraRig) else read_calibration(Path(calibration), units, up, sizes)
     for file in files:
         new_file(file, file.suffix, force=force)
     write_calibration(Path(output), rig)

@@ -115,12 +115,8 @@ def _tracked(
     scene: Scene, folder: Path, name: str, reporter: Reporter, **settings: Any
 ) -> tuple[dict[str, Any], dict[str, Path]]:
     """Track, judge and draw: the report and the files."""
-    files = {
-        "result": folder / f"{name}.usdc",
-        "overlay": folder / f"{name}.webm",
-        "sheet": folder / f"{name}.png",
-        "plot": folder / f"{name}-error.svg",
-    }
+    endings = {"result": ".usdc", "overlay": ".webm", "sheet": ".png", "plot": "-error.svg"}
+    files = {kind: folder / f"{name}{ending}" for kind, ending in endings.items()}
     result = track(scene, output=files["result"], force=True, reporter=reporter, **settings)
     report = evaluate(result, truth_of(scene))
     draw_result(result, scene, files["overlay"], files["sheet"], reporter)

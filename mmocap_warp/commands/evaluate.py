@@ -167,10 +167,8 @@ def measure(
 def _write(folder: Path, measures: Measures) -> list[Path]:
     """Write the tables, and the plots of what was measured."""
     written = write_tables(folder, measures)
-    for name, plot, has_any in (
-        ("angles.svg", plot_angles, measures.shown.angles),
-        ("feet.svg", plot_feet, measures.shown.feet),
-    ):
+    plots = (("angles.svg", plot_angles, measures.shown.angles), ("feet.svg", plot_feet, measures.shown.feet))
+    for name, plot, has_any in plots:
         if has_any:
             plot(folder / name, measures)
             written.append(folder / name)

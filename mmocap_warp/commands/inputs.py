@@ -134,8 +134,7 @@ def positions_of(result: Result, frames: Frames) -> list[int]:
         if choice.count is not None:
             return list(choice.of(range(len(numbers)), len(numbers)))
         chosen = choice.of(range(0), max(numbers[-1] + 1, choice.end or 0))
-    positions = [position for position, number in enumerate(numbers) if number in chosen]
-    if not positions:
+    if not (positions := [position for position, number in enumerate(numbers) if number in chosen]):
         raise UsageError(f"--frames = {text} holds none of the result's frames, {numbers[0]} to {numbers[-1]}")
     return positions
 

@@ -196,8 +196,7 @@ def report_study(
         alone={} if alone is None else seconds_alone(sound_results(Path(alone))),
         planned=frozenset(plan.cell for each in loaded for plan in each.plans),
     )
-    mixed = mixture(summary)
-    if mixed:
+    if mixed := mixture(summary):
         reporter.note(f"{folders[0]}: {mixed}")
     write_report(summary, clips, notes, page, tables, cells)
     return StudyReport(page, tables, cells, len(summary.cells), notes, mixed)

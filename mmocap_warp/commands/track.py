@@ -211,8 +211,7 @@ def track(
     if resume and output is None:
         raise UsageError("--resume needs --output, the file of the run that it continues")
     if again is not None:
-        given_too = [name for name, value in (("subject", subject), ("body", body), ("resume", resume)) if value]
-        if given_too:
+        if given_too := [name for name, value in (("subject", subject), ("body", body), ("resume", resume)) if value]:
             raise UsageError(f"--again cannot be given with --{given_too[0]}: what it names is solved anew in part")
     elif pins is not None:
         raise UsageError("--pins needs --again, the result whose frames were pinned")
@@ -291,8 +290,7 @@ def _again(
     # The run's settings are those of the result; where it is done may be another place.
     fields = set(vars(TrackConfig())) - {"device", "threads"}
     own = TrackConfig(**{name: result.config[name] for name in fields if name in result.config})
-    other = set(settings) - {"device", "threads"}
-    if other:
+    if other := set(settings) - {"device", "threads"}:
         raise UsageError(f"--{min(other).replace('_', '-')} cannot be given with --again, which has the result's own")
     place = effective(TrackConfig, loaded.settings("track"), settings, config)
     own = replace(own, device=place.device, threads=place.threads)
@@ -416,7 +414,6 @@ def _tracked(scene: Scene, subject: Subject, config: TrackConfig, reporter: Repo
             if config.acceleration and frame + 1 == total:
                 begin("smooth")
 
-        def report_smoothed(done: int) -> None:
-            progress(done, total)
-
-        return frame_loop.track(scene, subject, config, progress=report, smooth_progress=report_smoothed, **resumption)
+        return frame_loop.track(
+            scene, subject, config, progress=report, smooth_progress=lambda done: progress(done, total), **resumption
+        )

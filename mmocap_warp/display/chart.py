@@ -206,8 +206,7 @@ def outline(contours: Iterable[np.ndarray]) -> str:
     parts = []
     for contour in contours:
         points = np.rint(contour).astype(int)
-        steps = np.diff(points, axis=0)
-        moves = "".join(f"l{x} {y}" for x, y in steps.tolist())
+        moves = "".join(f"l{x} {y}" for x, y in np.diff(points, axis=0).tolist())
         parts.append(f"M{points[0, 0]} {points[0, 1]}{moves}z")
     return "".join(parts).replace(" -", "-")
 

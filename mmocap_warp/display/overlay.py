@@ -23,7 +23,6 @@ def _on_black(name: str) -> Colour:
 MASK_COLOUR, MODEL_COLOUR = _on_black("mask"), _on_black("model")
 LEFT_COLOUR, RIGHT_COLOUR = _on_black("left"), _on_black("right")
 SIGMA_COLOUR = _on_black("deviations")  # of no limb: an ellipse is often smaller than the joint's dot that it lies on
-LEGEND = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
 COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": _on_black("middle")}
 INK: Colour = (235, 235, 235)
 PAPER: Colour = (28, 28, 28)
@@ -34,6 +33,12 @@ ELLIPSE = 10
 _NAME_HEIGHT = 20  # of a person's name over the body, with the room around it [px]
 _PLATE = 0.6  # share of the plate's colour behind text
 SUBPIXEL_BITS = 4  # binary digits after the point of OpenCV's coordinates
+
+
+def legend(alone: bool, ellipses: bool) -> dict[str, Colour]:
+    """What colours mean where one person is drawn ``alone``, or else several, whose names have their colours."""
+    one = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
+    return (one if alone else {"mask": INK}) | ({f"ellipse: {ELLIPSE} sigma": SIGMA_COLOUR} if ellipses else {})
 
 
 @dataclass(frozen=True)

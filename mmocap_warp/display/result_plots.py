@@ -29,8 +29,7 @@ def plot_angles(path: Path, measures: Measures) -> None:
     Raises:
         ValueError: no angles were measured.
     """
-    rows = _by_joint(measures)
-    if not rows:
+    if not (rows := _by_joint(measures)):
         raise ValueError("measures must have joint angles")
     parts = []
     for number, (joint, panels) in enumerate(rows.items()):
@@ -98,10 +97,9 @@ def _bars(foot: Foot, seconds: np.ndarray, x: Axis, height: float) -> str:
 
 def _legend() -> str:
     """The colours of the sides, above the right end."""
-    names = (("left", 110.0), ("right", 60.0), ("middle", 0.0))
     return "".join(
         f'<g class="{side}">{text((_WIDTH - _RIGHT - back, _LEGEND - 5), side, "series", "end")}</g>'
-        for side, back in names
+        for side, back in (("left", 110.0), ("right", 60.0), ("middle", 0.0))
     )
 
 

@@ -16,19 +16,7 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.display.overlay import (
-    ELLIPSE,
-    INK,
-    LEGEND,
-    PAPER,
-    SIGMA_COLOUR,
-    Look,
-    ViewedBody,
-    Window,
-    draw_view,
-    text_width,
-    write_text,
-)
+from mmocap_warp.display.overlay import INK, PAPER, Look, ViewedBody, Window, draw_view, legend, text_width, write_text
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import WebmFile, write_animation, write_png
 from mmocap_warp.result.result import STATUS, Result
@@ -173,8 +161,7 @@ def overlay(
         Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
         for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
     ]
-    view = _views([body], frame, images, [masks], whole)[k]
-    return view[:, :, ::-1].copy()  # OpenCV draws blue first
+    return _views([body], frame, images, [masks], whole)[k][:, :, ::-1].copy()  # OpenCV draws blue first
 
 
 def show_subject(
@@ -301,8 +288,7 @@ def _frames_in_step(result: Result, *seen: Images | None) -> Iterator[tuple]:
     nothing = repeat([None] * len(result.cameras))
     streams = zip(*(nothing if each is None else each for each in seen), strict=False)
     for number in result.frame_numbers:
-        both = next(streams, None)
-        if both is None:
+        if (both := next(streams, None)) is None:
             raise InputError("recording", f"has no frame {number}, which the result has", "show it with its own scene")
         yield both
 
@@ -398,9 +384,8 @@ def _video_frame(
     for text, colour in words:
         end = write_text(canvas, text, (end + 18, 9), colour)
     # The legend stands at the right end, the same in all frames.
-    of_sigma = {} if result.joint_sigma is None else {f"ellipse: {ELLIPSE} sigma": SIGMA_COLOUR}
     height, right = canvas.shape[:2]
-    for name, colour in reversed(((LEGEND if alone else {"mask": INK}) | of_sigma).items()):
+    for name, colour in reversed(legend(alone, ellipses=result.joint_sigma is not None).items()):
         right -= text_width(name) + 18
         write_text(canvas, name, (right, 9), colour)
     width = canvas.shape[1]

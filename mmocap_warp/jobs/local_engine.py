@@ -58,11 +58,7 @@ class LocalEngine(Engine):
     """
 
     def __init__(
-        self,
-        make: MakeWorker,
-        devices: Sequence[str],
-        threads: int | None = None,
-        serve: Callable[..., Any] | None = None,
+        self, make: MakeWorker, devices: Sequence[str], threads: int | None, serve: Callable[..., Any] | None = None
     ) -> None:
         self._context = forks_of(make.__module__)
         self._threads, self._serve = threads, serve or partial(serve_jobs, make)
@@ -146,8 +142,7 @@ def _events_of(worker: Any, job: Any) -> Iterator[Any]:
 
 def _end_with_parent() -> None:
     """End this process as soon as its parent ends, however that happens."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
+    if (parent := multiprocessing.parent_process()) is not None:
         wait([parent.sentinel])
         os._exit(1)
 

@@ -32,21 +32,17 @@ Views = Iterable[Sequence[np.ndarray | None]]  # per frame, a picture for each c
 
 def small_masks(masks: Views, cameras: int) -> Pictures:
     """Masks of all frames, or of as many as have room, as PNGs of one bit a pixel."""
-    return _within(_MASK_CHARACTERS, masks, cameras, _encoded_mask)
+    return _within(
+        _MASK_CHARACTERS, masks, cameras, lambda mask: encode_png(_small(mask.astype(np.uint8) * 255, _MASK_SIDE) > 127)
+    )
 
 
 def small_images(images: Views, cameras: int) -> Pictures:
     """Images of all frames, or of as many as have room, as JPEGs."""
-    return _within(_IMAGE_CHARACTERS, images, cameras, _encoded_image)
-
-
-def _encoded_mask(mask: np.ndarray) -> bytes:
-    return encode_png(_small(mask.astype(np.uint8) * 255, _MASK_SIDE) > 127)
-
-
-def _encoded_image(image: np.ndarray) -> np.ndarray:
     quality = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY)
-    return cv2.imencode(".jpg", _small(image, _IMAGE_SIDE), quality)[1]
+    return _within(
+        _IMAGE_CHARACTERS, images, cameras, lambda image: cv2.imencode(".jpg", _small(image, _IMAGE_SIDE), quality)[1]
+    )
 
 
 def _within(characters: int, views: Views, cameras: int, encoded: Callable[[np.ndarray], Any]) -> Pictures:

@@ -32,8 +32,8 @@ class Workload:
     @cached_property
     def sizes(self) -> dict[str, int]:
         """Cameras, pixels of one of them, and triangles."""
-        width, height = self.rig.size[0].tolist()
-        return {"cameras": len(self.rig), "pixels": width * height, "triangles": len(self.body.tracking_face)}
+        triangles = len(self.body.tracking_face)
+        return {"cameras": len(self.rig), "pixels": int(self.rig.size[0].prod()), "triangles": triangles}
 
     def sizes_on(self, device: str, threads: int | None) -> dict[str, int | None]:
         """The sizes, with the number of threads on a CPU."""
@@ -66,14 +66,11 @@ class Workload:
         """(candidate, tracking vertex, 3) float32 [m], posed on the CPU."""
         return Poser(self.body, np.eye(3)).tracking_vertices(poses)
 
-    def pixels(self, poses: np.ndarray) -> np.ndarray:
-        """(candidate, camera, tracking vertex, 2) float64 [px]."""
-        return np.stack([project(self.rig, vertices) for vertices in self.vertices(poses)])
-
     @property
     def height(self) -> float:
         """Of the body in the images, mean over the cameras [px]."""
-        return float(np.ptp(self.pixels(self.seen[None])[0, :, :, 1], axis=1).mean())
+        (vertices,) = self.vertices(self.seen[None])
+        return float(np.ptp(project(self.rig, vertices)[..., 1], axis=1).mean())
 
     def objective(self, candidates: int, renderer: str, device: str, threads: int = 1) -> Objective:
         """An objective with masks and poses in it."""

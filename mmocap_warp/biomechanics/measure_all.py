@@ -13,6 +13,7 @@ from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor
 from mmocap_warp.body.joint_sets import JointSet
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.result.excerpt import before_smoothing
 from mmocap_warp.result.result import Result
 
 
@@ -119,13 +120,13 @@ def measure(
     """
     if run is not None and not 0 <= run < len(result.pose):
         raise ValueError(f"run must be 0 to {len(result.pose) - 1}, got {run}")
-    poses = result.raw_pose if raw else result.pose
-    if poses is None:
+    if raw and result.raw_pose is None:
         raise ValueError("raw must be False for a track that was not smoothed")
-    chosen = range(len(poses)) if run is None else [run]
-    held = _angles_not_searched(result, poses[chosen[0]][0])
+    track = before_smoothing(result) if raw else result
+    chosen = range(len(track.pose)) if run is None else [run]
+    held = _angles_not_searched(track, track.pose[chosen[0], 0])
     centred = result.subject.body if joint_set is None else joint_set.centred(result.subject.body)
-    measured = tuple(_measure_run(result, poses[number], number, raw, sex, held, centred) for number in chosen)
+    measured = tuple(_measure_run(track, number, sex, held, centred) for number in chosen)
     body, first = result.subject.body, measured[0]
     left_out = [f"angles of {joint}" for joint in joints_left_out(body)]
     left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in first.feet]
@@ -135,15 +136,9 @@ def measure(
 
 
 def _measure_run(
-    result: Result,
-    pose: np.ndarray,
-    run: int,
-    raw: bool,
-    sex: Sex | None,
-    held: list[tuple[str, str]],
-    centred: BodyModel,
+    result: Result, run: int, sex: Sex | None, held: list[tuple[str, str]], centred: BodyModel
 ) -> RunMeasures:
-    subject, body = result.subject, result.subject.body
+    subject, body, pose = result.subject, result.subject.body, result.pose[run]
     transforms = Poser(body, subject.root_base).joint_transforms(pose)
     joints = transforms[:, :, :3, 3].astype(float)
     seconds, up = result.frame_numbers / result.fps, result.cameras.up_vector
@@ -162,7 +157,7 @@ def _measure_run(
     return RunMeasures(
         run=run,
         joints=joints,
-        joint_sigma=None if raw or result.joint_sigma is None else result.joint_sigma[run],
+        joint_sigma=None if result.joint_sigma is None else result.joint_sigma[run],
         angles=angles or own_angles(body.skeleton, pose, result.config.get("dof")),
         shifts=own_shifts(body.skeleton, pose, result.config.get("dof")),
         feet=feet,

@@ -99,10 +99,7 @@ def _axes(before: str, after: str, places: np.ndarray) -> Columns:
 def _events(measures: Measures, run: RunMeasures) -> Iterator[Row]:
     """By time: toe offs, and heel strikes with the step that each ends and the stride that it begins."""
     steps = {(step.side, step.frame): (step.seconds, step.length) for step in run.walking.steps}
-    strides = {
-        (stride.side, stride.frame): (stride.seconds, stride.length, stride.stance_share)
-        for stride in run.walking.strides
-    }
+    strides = {(each.side, each.frame): (each.seconds, each.length, each.stance_share) for each in run.walking.strides}
     moments = [(int(frame), side, "heel strike") for side, foot in run.feet.items() for frame in foot.strikes]
     moments += [(int(frame), side, "toe off") for side, foot in run.feet.items() for frame in foot.offs]
     unknown = (np.nan,) * len(_OF_STRIKES)
@@ -156,9 +153,7 @@ def _summary(measures: Measures, run: RunMeasures) -> dict[str, Any]:
 
 
 def _spread(values: np.ndarray | list[float]) -> dict[str, float]:
-    """Least, mean and greatest of the values that are known."""
-    known = np.asarray(values, float)
-    known = known[np.isfinite(known)]
-    if not len(known):
-        return {"min": np.nan, "mean": np.nan, "max": np.nan}
+    """Least, mean and greatest of the values that are known; NaN where none is."""
+    is_known = np.isfinite(values)
+    known = np.asarray(values, float)[is_known] if np.any(is_known) else np.array([np.nan])
     return {"min": float(known.min()), "mean": float(known.mean()), "max": float(known.max())}

@@ -34,9 +34,7 @@ class Undistortion:
     def _keeps_pixels(self) -> bool:
         """Whether the samples are the pixels of an image of the map's size, as of a lens without distortion."""
         column, row = np.moveaxis(self.position, -1, 0)
-        return not (
-            self.fraction.any() or (column != np.arange(column.shape[1])).any() or (np.arange(len(row)) != row.T).any()
-        )
+        return not self.fraction.any() and np.array_equal((row, column), np.indices(row.shape))
 
     def image(self, image: np.ndarray) -> np.ndarray:
         """Resample a gray or BGR image; what lies outside the recorded image is black."""
@@ -72,10 +70,8 @@ class Undistortion:
     @cached_property
     def _extent(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The lowest and the highest recorded row of each row of samples, and the same of columns."""
-        return [
-            (at.min(axis=axis), at.max(axis=axis))
-            for at, axis in ((self.position[..., 1], 1), (self.position[..., 0], 0))
-        ]
+        column, row = np.moveaxis(self.position, -1, 0)
+        return [(row.min(axis=1), row.max(axis=1)), (column.min(axis=0), column.max(axis=0))]
 
 
 def undistortion(

@@ -77,23 +77,18 @@ def _turned_poses(space: ShapeSpace, poses: np.ndarray, hull: np.ndarray, scale:
 
 def _judged(objective: Objective, candidates: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(candidate,) costs, and how large the silhouettes are in the views that are ``seen`` (camera,) bool [px]."""
-    cost, area = [], []
-    for first in range(0, len(candidates), _AT_ONCE):
-        poses = candidates[first : first + _AT_ONCE]
-        cost.append(objective.costs(poses))
-        area.append(objective.count.numpy()[: len(poses), seen, 0].sum(axis=1))
-    return np.concatenate(cost), np.concatenate(area)
+    judged = [objective.judged(candidates[first : first + _AT_ONCE]) for first in range(0, len(candidates), _AT_ONCE)]
+    cost, count = map(np.concatenate, zip(*judged, strict=True))
+    return cost, count[:, seen, 0].sum(axis=1)
 
 
 def _distinct(space: ShapeSpace, candidates: np.ndarray, count: int) -> np.ndarray:
     """The first ``count`` of the candidates that are not where an earlier one is."""
     skeleton = space.body.skeleton
     near = _SAME_PLACE * float(np.ptp(space.body.skin.rest, axis=0).max())
-    poser = Poser(space.body, upright_base(space.up))
-    pose = candidates[:, : skeleton.coordinates]
-    own = poser.joint_transforms(pose)[:, :, :3, 3] - pose[:, None, :TRANSLATION]
+    pose, upright = candidates[:, : skeleton.coordinates], upright_base(space.up)
+    own = Poser(space.body, upright).joint_transforms(pose)[:, :, :3, 3] - pose[:, None, :TRANSLATION]
     turned = np.stack([heading_rotation(heading) for heading in candidates[:, space.heading_index]])
-    upright = upright_base(space.up)
     own = own @ transposed(upright @ turned @ upright.T)
     place = np.exp(candidates[:, space.scale_index])[:, None, None] * own + pose[:, None, :TRANSLATION]
     kept: list[int] = []

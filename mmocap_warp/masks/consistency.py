@@ -57,7 +57,7 @@ class Consistency:
         if views.contradict or self.untouched > _MAX_UNTOUCHED * (1 + len(self.filled)):
             self.untouched += 1
             return masks
-        return [_apply(mask, *pair) for mask, pair in zip(masks, zip(small, views.mended(), strict=True), strict=True)]
+        return [_apply(*each) for each in zip(masks, small, views.mended(), strict=True)]
 
 
 class _Views:
@@ -151,9 +151,8 @@ def _depths(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
 
 
 def _resized(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
-    width, height = size.tolist()
     levels = np.where(mask, np.uint8(255), np.uint8(0))
-    return np.asarray(cv2.resize(levels, (width, height), interpolation=cv2.INTER_AREA) > 127)
+    return np.asarray(cv2.resize(levels, size.tolist(), interpolation=cv2.INTER_AREA) > 127)
 
 
 def _apply(mask: np.ndarray, small: np.ndarray, mended: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from subprocess import DEVNULL, STDOUT
 from typing import Any
 
 from mmocap_warp.errors import InputError, UsageError
@@ -64,13 +65,9 @@ class MaskProgram:
         """Run it to its end, and say what went wrong."""
         with log.open("wb") as said:
             try:
+                # In a session of its own, so that it can be ended with all that it has started.
                 process = subprocess.Popen(
-                    words,
-                    stdin=subprocess.DEVNULL,
-                    stdout=said,
-                    stderr=subprocess.STDOUT,
-                    env=self.environment,
-                    start_new_session=True,  # so that it can be ended with all that it has started
+                    words, stdin=DEVNULL, stdout=said, stderr=STDOUT, env=self.environment, start_new_session=True
                 )
             except (OSError, ValueError) as error:
                 return f"cannot be started: {words[0]}: {getattr(error, 'strerror', None) or error}"
@@ -95,10 +92,9 @@ class MaskProgram:
         said = log.read_text("utf-8", "replace").strip()[-_LAST_WORDS:]
         mask.unlink(missing_ok=True)
         where = f"--with {self.name}, camera {frames.name}, frame {int(mask.stem)}"
-        remedy = f"see {log}, mend it and go on with the same command; it ran: "
-        return InputError(
-            where, f"{fault}; it said: {said or 'nothing'}", remedy + shlex.join([*self.command, "FRAMES", "MASKS"])
-        )
+        ran = shlex.join([*self.command, "FRAMES", "MASKS"])
+        remedy = f"see {log}, mend it and go on with the same command; it ran: {ran}"
+        return InputError(where, f"{fault}; it said: {said or 'nothing'}", remedy)
 
 
 def _fault(mask: Path, size: tuple[int, int]) -> str | None:

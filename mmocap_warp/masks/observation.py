@@ -63,8 +63,7 @@ class Observation:
         words, covered = pack_masks(masks), None
         if hidden is not None:
             hides = pack_masks(hidden)
-            pairs = zip(_cells(words), _cells(hides), masks, hidden, strict=True)
-            near = np.array([_meet(*each) for each in pairs])
+            near = np.array([_meet(*each) for each in zip(_cells(words), _cells(hides), masks, hidden, strict=True)])
             covered = hides & ~words * near[:, None, None] if near.any() else None
         return cls(words, np.bitwise_count(words).sum(axis=(1, 2), dtype=np.int64), late, covered)
 

@@ -112,8 +112,7 @@ class People:
         others, inside = [j for j, mask in enumerate(masks) if mask.any()], np.zeros_like(where)
         if len(others) > 1:
             depth = float((self._rig.R[k] @ meeting_point(self._rig, masks) + self._rig.t[k])[2])
-            pixels = np.argwhere(where)[:, ::-1]
-            inside[where] = hull_thickness(self._rig, masks, k, others, pixels, depth) > 0
+            inside[where] = hull_thickness(self._rig, masks, k, others, np.argwhere(where)[:, ::-1], depth) > 0
         return inside
 
 

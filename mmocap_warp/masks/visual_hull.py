@@ -89,7 +89,6 @@ def meeting_point_of(rig: CameraRig, pixels: np.ndarray) -> np.ndarray:
         rays[k] = ray / np.linalg.norm(ray)
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # projects onto the plane across the ray
     weight = np.ones(len(rig))
-    point = np.zeros(3)
     for _ in range(10):
         A = (weight[:, None, None] * across).sum(axis=0) + 1e-9 * np.eye(3)  # parallel rays have no meeting point
         point = np.linalg.solve(A, np.einsum("k,kij,kj->i", weight, across, centres))
@@ -119,8 +118,7 @@ def _grid(low: np.ndarray, high: np.ndarray, spacing: float) -> np.ndarray:
 def _carve(rig: CameraRig, masks: list[np.ndarray], points: np.ndarray, tolerate: int) -> np.ndarray:
     misses = np.zeros(len(points), np.int16)
     for k, mask in enumerate(masks):
-        _, inside = seen_at(rig, k, points, mask)
-        misses += ~inside
+        misses += ~seen_at(rig, k, points, mask)[1]
         alive = misses <= tolerate
         points, misses = points[alive], misses[alive]
     return points

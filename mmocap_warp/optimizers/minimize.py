@@ -20,8 +20,11 @@ class Minimum:
     evaluations: int  # spent by each run, at most the budget
 
 
+_Cost = Callable[[wp.array[wp.float32], wp.array[wp.float32]], None]
+
+
 def minimize(
-    cost: Callable[[wp.array[wp.float32], wp.array[wp.float32]], None],
+    cost: _Cost,
     start: np.ndarray,
     radius: np.ndarray | float,
     evaluations: int,
@@ -83,13 +86,7 @@ def minimize(
 class _Candidates(BatchedCost):
     """A user's cost as the search wants it: candidates are judged whole."""
 
-    def __init__(
-        self,
-        cost: Callable[[wp.array[wp.float32], wp.array[wp.float32]], None],
-        candidates: int,
-        coordinates: int,
-        device: str,
-    ) -> None:
+    def __init__(self, cost: _Cost, candidates: int, coordinates: int, device: str) -> None:
         self.device = device
         self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
         self._cost = cost

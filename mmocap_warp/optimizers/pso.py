@@ -30,13 +30,11 @@ class PsoConfig:
         if self.population < 1:
             raise ValueError(f"population must be at least 1, got {self.population}")
         for name in ("phi_1", "phi_2"):
-            value = getattr(self, name)
-            if not (value >= 0.0 and math.isfinite(value)):
-                raise ValueError(f"{name} must be finite and not negative, got {value}")
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {getattr(self, name)}")
         for name in ("inertia_max", "inertia_min", "velocity_limit"):
-            value = getattr(self, name)
-            if not (value > 0.0 and math.isfinite(value)):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)}")
         if self.inertia_min > self.inertia_max:
             raise ValueError(f"inertia_min must not exceed inertia_max, got {self.inertia_min} > {self.inertia_max}")
 

@@ -84,9 +84,8 @@ def evaluate(result: Result, truth: Truth | None = None, joint_set: JointSet | N
         report |= _angle_errors(result, truth, mine, theirs)
         of_runs["growth"] = pose_errors.growth(series["mpjpe_mm"][:, mine])
         report["growth"] = _mean(of_runs["growth"])
-        report |= _evaluate_statuses(
-            result.status[:, mine], pose_errors.farthest(result, truth, mine, theirs, joints), of_runs
-        )
+        off = pose_errors.farthest(result, truth, mine, theirs, joints)
+        report |= _evaluate_statuses(result.status[:, mine], off, of_runs)
     report["per_run"] = _per_run(result, series, of_runs)
     report["series"] = {"frame": result.frame_numbers} | series
     return json_values(report)

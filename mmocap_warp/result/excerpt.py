@@ -49,22 +49,17 @@ def at_rate(result: Result, fps: float) -> Result:
     # Where they lie among the result's frames: poses are interpolated, the rest is the nearest frame's.
     place = np.interp(numbers / fps, known, np.arange(len(known)))
     nearest = np.round(place).astype(int)
-    kept = ("cost", "iou", "evaluations", "status", "view_shift")
     is_length = result.subject.body.skeleton.is_length
+    arrays = {name: array[:, nearest] for name, array in result.arrays.items()}
+    for name, track in _tracks(result).items():
+        arrays[name] = np.stack([_poses_at(run, place, is_length) for run in track])
+    arrays |= dict.fromkeys(("angle_sigma", "joint_sigma"))
+    return replace(result, fps=float(fps), frame_numbers=numbers, **arrays)
 
-    def resampled(pose: np.ndarray) -> np.ndarray:
-        return np.stack([_poses_at(run, place, is_length) for run in pose])
 
-    return replace(
-        result,
-        fps=float(fps),
-        frame_numbers=numbers,
-        pose=resampled(result.pose),
-        raw_pose=None if result.raw_pose is None else resampled(result.raw_pose),
-        angle_sigma=None,
-        joint_sigma=None,
-        **{name: array[:, nearest] for name, array in result.arrays.items() if name in kept},
-    )
+def _tracks(result: Result) -> dict[str, Any]:
+    """The poses (run, frame, coordinate), and those before smoothing where there are any, by name."""
+    return {name: array for name, array in result.arrays.items() if name in ("pose", "raw_pose")}
 
 
 def evenly(result: Result) -> Result:
@@ -109,15 +104,10 @@ def stood_up(result: Result, up: str) -> Result:
         """Poses (..., coordinate): the root's place is in the world's axes, its angles are in the body's."""
         return np.concatenate([pose[..., :3] @ turn.T, pose[..., 3:]], axis=-1)
 
-    subject, cameras = result.subject, result.cameras
-    return replace(
-        result,
-        subject=replace(subject, root_base=turn @ subject.root_base, pose=turned(subject.pose)),
-        cameras=replace(cameras, R=cameras.R @ turn.T, up=up),
-        pose=turned(result.pose),
-        raw_pose=None if result.raw_pose is None else turned(result.raw_pose),
-        joint_sigma=None,
-    )
+    subject = replace(result.subject, root_base=turn @ result.subject.root_base, pose=turned(result.subject.pose))
+    cameras = replace(result.cameras, R=result.cameras.R @ turn.T, up=up)
+    poses: dict[str, Any] = {name: turned(track) for name, track in _tracks(result).items()}
+    return replace(result, subject=subject, cameras=cameras, joint_sigma=None, **poses)
 
 
 def quarter_turn(up: str, new: str) -> np.ndarray:

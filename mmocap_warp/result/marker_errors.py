@@ -66,9 +66,7 @@ def attach(
     # Of all triangles, those which may hold a point's nearest place.
     candidates = []
     for i, point in enumerate(points):
-        among = everywhere
-        if allowed is not None:
-            among = np.flatnonzero(allowed[i][a] | allowed[i][b] | allowed[i][c])
+        among = everywhere if allowed is None else np.flatnonzero(allowed[i][a] | allowed[i][b] | allowed[i][c])
         if not len(among):
             raise ValueError(f"allowed leaves no triangle for point {i}")
         away = np.linalg.norm(centre[among] - point, axis=1)
@@ -153,19 +151,16 @@ def marker_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
     from_the_start = mine[0] + result.left_out_before == 0
     start = known[0] if from_the_start else np.zeros(known.shape[1], bool)  # known in the first frame that was tracked
     initial, allowed = result.subject, allowed_skin(result.subject.body, truth.marker_names)
-    as_printed_floor = from_own_answer_floor = np.full(len(mine), np.nan)
+
+    def both(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(run, frame) [m] of a subject in poses (run, frame, coordinate): as printed, and from its own answer."""
+        as_printed = _as_printed(initial, start, subject, pose, seen, allowed)
+        return as_printed, _from_own_answer(subject, pose, seen, allowed)
+
     motion = _true_motion(result, truth, theirs)
-    if motion is not None:
-        true_subject, true_pose = motion
-        as_printed_floor = _as_printed(initial, start, true_subject, true_pose, seen, allowed)[0]
-        from_own_answer_floor = _from_own_answer(true_subject, true_pose, seen, allowed)[0]
-    return MarkerErrors(
-        as_printed=_as_printed(initial, start, initial, pose, seen, allowed),
-        from_own_answer=_from_own_answer(initial, pose, seen, allowed),
-        as_printed_floor=as_printed_floor,
-        from_own_answer_floor=from_own_answer_floor,
-        left_out=int((known.any(axis=0) & ~start).sum()),
-    )
+    floors = np.full((2, len(mine)), np.nan) if motion is None else np.concatenate(both(*motion))
+    left_out = int((known.any(axis=0) & ~start).sum())
+    return MarkerErrors(*both(initial, pose), floors[0], floors[1], left_out)
 
 
 def allowed_skin(body: BodyModel, names: tuple[str, ...]) -> np.ndarray:

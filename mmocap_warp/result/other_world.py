@@ -1,7 +1,7 @@
 """Truth that is right, but in another world than the result: other axes, another origin or other units."""
 
 import re
-from itertools import permutations, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -64,13 +64,9 @@ def axes_after(axes: str, others: str) -> str:
     return "".join(("-" if row.min() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in turn)
 
 
-def _right_handed() -> list[str]:
-    pairs = product(permutations("xyz"), product(("", "-"), repeat=3))
-    signed = ("".join(sign + axis for sign, axis in zip(signs, order, strict=True)) for order, signs in pairs)
-    return [axes for axes in signed if np.linalg.det(axes_turn(axes)) > 0]
-
-
-_AXES = _right_handed()
+_TRIPLES = map("".join, product(("x", "y", "z", "-x", "-y", "-z"), repeat=3))
+_AXES = [axes for axes in _TRIPLES if np.linalg.det(axes_turn(axes)) > 0]  # 0 where an axis is there twice
+"""Of all right-handed worlds."""
 
 
 def _mean_distance(x: np.ndarray, y: np.ndarray) -> float:

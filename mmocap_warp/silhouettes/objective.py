@@ -99,7 +99,6 @@ class Objective:
         self._skeleton = body.skeleton
         self._kind: int = getattr(cost_kernels, cost.upper())
         mesh = body.tracking
-        vertices, joints = len(mesh.rest), len(body.joint_rest)
         copies, bases = (candidates, candidates) if shapes else (1, bases)
         self.body = make_body_arrays(body, root_base, mesh, device, copies, bases)
         self._silhouettes = Silhouettes(mesh, rig, candidates, renderer, device)
@@ -112,8 +111,8 @@ class Objective:
         self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
         self.cost = wp.zeros(candidates, dtype=wp.float32, device=device)
         self.count = self._silhouettes.canvas.count
-        self._joints = make_joint_arrays(candidates, joints, device)
-        self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
+        self._joints = make_joint_arrays(candidates, len(body.joint_rest), device)
+        self._posed = wp.zeros((candidates, len(mesh.rest)), dtype=wp.vec3, device=device)
         self._tried, self._judged, self._replays = Upload(self.pose), Download([self.cost, self.count]), Replays(device)
         self._work = SharedWork(device, threads, _SMALLEST_BATCH)
         modules = [skinning, *self._silhouettes.modules, cost_kernels, *([shaping] if shapes else [])]

@@ -116,17 +116,15 @@ class Silhouettes:
         self.modules = (self._renderer.module, raster)
         self.whole = self._renderer.piece(piece_of(mesh.face))
         self.views = make_views(rig, device)
-        view, boxes = (candidates, len(rig)), {"box": self._renderer.boxes, "group_box": self._renderer.groups}
-        lengths = {"cell": len(mesh.rest), "facing": len(mesh.face)} | boxes
-        of_view = {name: (*view, length) for name, length in lengths.items()}
-        self.canvas = allocated(Canvas, device, **of_view, count=view)
+        view, boxes, groups = (candidates, len(rig)), self._renderer.boxes, self._renderer.groups
+        lengths = {"cell": len(mesh.rest), "facing": len(mesh.face), "box": boxes, "group_box": groups}
+        self.canvas = allocated(Canvas, device, **{name: (*view, n) for name, n in lengths.items()}, count=view)
         self._nothing_frozen = self.make_frozen(0)
 
     def make_frozen(self, runs: int) -> Any:
         """Where the silhouettes of a resting piece are drawn, a set for every run, in the struct that kernels take."""
-        cameras, rows, words = self.views.observed.shape
-        view = (runs, cameras)
-        return allocated(Frozen, self._device, words=(*view, rows, words), count=view, cut=view)
+        words = (runs, *self.views.observed.shape)
+        return allocated(Frozen, self._device, words=words, count=words[:2], cut=words[:2])
 
     def split(self, skeleton: Skeleton, index: np.ndarray) -> tuple[Any, Outline] | None:
         """The piece that coordinates ``index`` move and the one that rests, or None where either is empty."""

@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, nullcontext
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from itertools import chain, islice
 from math import ceil
 from pathlib import Path
-from threading import Semaphore
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import KeptObservations, Observation
@@ -37,6 +34,7 @@ from mmocap_warp.tracking.from_settings import in_own_unit
 from mmocap_warp.tracking.holes import HOLE_SECONDS, BodyBefore, with_holes
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
+from mmocap_warp.tracking.smoothing_beside import SmoothingBeside, SmoothingElsewhere, smoothing_beside
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.versions import versions
@@ -148,18 +146,18 @@ def track(
         read_checkpoint(checkpoint, identity)
     given: dict[str, Any] = {"subject": subject, "cameras": rig}
     subject, rig, config = in_own_unit(subject, rig, config)
-    tracker = make_tracker(subject, rig, config, scene.rate)
+    with KeptObservations() as kept, smoothing_beside(scene.frame_count, config, kept, smooth_progress) as beside:
+        tracker = make_tracker(subject, rig, config, scene.rate)
 
-    # Go on after the frames that were saved, which may be those of a second start, too.
-    answers: list[FrameAnswer] = []
-    saved = Checkpoint(checkpoint, identity, tracker.state, len(rig)) if checkpoint else None
-    if saved and resume:
-        answers, tracker.state = saved.resumed()
-    again, state = answers[scene.frame_count :], tracker.state
-    del answers[scene.frame_count :]
+        # Go on after the frames that were saved, which may be those of a second start, too.
+        answers: list[FrameAnswer] = []
+        saved = Checkpoint(checkpoint, identity, tracker.state, len(rig)) if checkpoint else None
+        if saved and resume:
+            answers, tracker.state = saved.resumed()
+        again, state = answers[scene.frame_count :], tracker.state
+        del answers[scene.frame_count :]
 
-    # Track the others. What is kept of masks with several people in them follows the body.
-    with KeptObservations() as kept:
+        # Track the others. What is kept of masks with several people in them follows the body.
         follows = scene.foreground.keep == "nearest"
         silhouettes_of, done = body_silhouettes(subject, rig), len(answers)
         body = (lambda: silhouettes_of(tracker.state.pose)) if follows else None
@@ -173,33 +171,31 @@ def track(
             begun = collect(subject, rig, scene.fps, config, answers, scene.frames[:done])
             observations = chain(tracked_observations(scene, begun, range(first, done)), observations)
         observations = with_holes(observations, scene.rate, lambda i: silhouettes_of(answers[first + i - 1].pose))
-        # Smooth meanwhile, where there are cores for both.
-        beside = None
-        if config.acceleration and not done and tracker.device == "cpu" and (config.threads or available_threads()) > 1:
+        if beside and not done:
             unknown = np.full((config.runs, len(rig)), np.nan)
             blank = FrameAnswer(tracker.state.pose, unknown[:, 0], unknown, 0, STATUS.index("lost"), 0.0)
             room = collect(subject, rig, scene.fps, config, [blank] * scene.frame_count, scene.frames)
-            beside = _SmoothingBeside(room, config, kept, smooth_progress)
+            beside.begin(room, config)
+        frames = islice(observations, done - first, None)
+        _extend(answers, tracker, frames, saved, progress, None if done else beside)
+        result = collect(subject, rig, scene.fps, config, answers, scene.frames)
+        complete = len(kept) == len(answers)
 
-        with closing(beside) if beside else nullcontext():
-            _extend(answers, tracker, islice(observations, done - first, None), saved, progress, beside)
-            result = collect(subject, rig, scene.fps, config, answers, scene.frames)
-            complete = len(kept) == len(answers)
+        # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk
+        # had no room for, are read again.
+        def masks() -> Iterable[Observation]:
+            return kept if complete else tracked_observations(scene, result)
 
-            # Smooth the track, and see how the masks lie beside it. Frames of before a resumption, or what a full disk
-            # had no room for, are read again.
-            def masks() -> Iterable[Observation]:
-                return kept if complete else tracked_observations(scene, result)
+        def start_again(shown: Callable[[BodyBefore], Iterator[Observation]]) -> list[FrameAnswer]:
+            tracker = make_tracker(subject, rig, config, scene.rate)
+            if again:
+                tracker.state = state
+            seen = shown(lambda place: silhouettes_of(again[place - 1].pose))
+            _extend(again, tracker, islice(seen, len(again), None), saved, progress)
+            return again
 
-            def start_again(shown: Callable[[BodyBefore], Iterator[Observation]]) -> list[FrameAnswer]:
-                tracker = make_tracker(subject, rig, config, scene.rate)
-                if again:
-                    tracker.state = state
-                seen = shown(lambda place: silhouettes_of(again[place - 1].pose))
-                _extend(again, tracker, islice(seen, len(again), None), saved, progress)
-                return again
-
-            finished = _finished(result, config, masks, start_again, smooth_progress, beside if complete else None)
+        smoother = beside if complete and not done else None
+        finished = _finished(result, config, masks, start_again, smooth_progress, smoother)
         return replace(finished.in_unit(1 / unit), **given)
 
 
@@ -209,7 +205,7 @@ def _extend(
     observations: Iterable[Observation],
     saved: Checkpoint | None,
     progress: FrameReport | None,
-    beside: _SmoothingBeside | None = None,
+    beside: SmoothingBeside | SmoothingElsewhere | None = None,
 ) -> None:
     """Track the frames after those whose ``answers`` are known."""
     if progress:
@@ -222,64 +218,13 @@ def _extend(
             answers.append(answer)
 
 
-class _SmoothingBeside:
-    """Smooths a track in a thread while it grows, with the bits of one that is complete; to be closed.
-
-    ``room`` is a result of as many frames, which this fills, and ``kept`` has the masks of all that were added.
-    """
-
-    def __init__(self, room: Result, config: TrackConfig, kept: KeptObservations, report: SmoothReport | None) -> None:
-        self._room, self._kept, self._complete, self._closed = room, kept, False, False
-        self._added, self._pool = Semaphore(0), ThreadPoolExecutor(1)
-        silhouettes_of = body_silhouettes(room.subject, room.cameras)
-        seen = with_holes(self._masks(), room.rate, lambda place: silhouettes_of(room.pose[:, place - 1]))
-
-        def progress(done: int) -> None:
-            if report and self._complete:
-                report(done)
-
-        self._smoothed = self._pool.submit(smoothed, room, config, seen, progress)
-
-    def add(self, frame: int, answer: FrameAnswer) -> None:
-        """A frame, by its position, was tracked. An error of the thread, which needs this frame, is raised here."""
-        if self._smoothed.done():
-            self._smoothed.result()
-        for name in ("pose", "cost", "iou", "status"):
-            getattr(self._room, name)[:, frame] = getattr(answer, name)
-        self._added.release()
-
-    def of(self, tracked: Result) -> Result:
-        """The whole track, whose frames were all added, smoothed."""
-        self._complete = True
-        done = self._smoothed.result()
-        seconds = tracked.seconds + done.seconds
-        return replace(done, evaluations=tracked.evaluations, config=tracked.config, seconds=seconds)
-
-    def close(self) -> None:
-        """Let the thread end, before it reads another frame's masks."""
-        self._closed = True
-        self._added.release(2)  # the most that it may wait for
-        self._pool.shutdown()
-
-    def _masks(self) -> Iterator[Observation]:
-        """The masks of each frame, once the frame after it is tracked too: late views ask where the body goes."""
-        known, count, kept = 0, len(self._room.frame_numbers), iter(self._kept)
-        for frame in range(count):
-            while known < min(frame + 2, count):
-                self._added.acquire()
-                known += 1
-            if self._closed:
-                raise InterruptedError
-            yield next(kept)
-
-
 def _finished(
     result: Result,
     config: TrackConfig,
     masks: Callable[[], Iterable[Observation]],
     start_again: Callable[[Callable[[BodyBefore], Iterator[Observation]]], list[FrameAnswer]],
     progress: SmoothReport | None,
-    beside: _SmoothingBeside | None = None,
+    beside: SmoothingBeside | SmoothingElsewhere | None = None,
 ) -> Result:
     """The track, smoothed where that is wanted, and what the masks, read anew each time, say about it.
 
@@ -312,7 +257,8 @@ def _finished(
         return silhouettes_of(raw[:, place - 1])
 
     if config.acceleration:
-        result = whole.of(result) if whole else smoothed(result, config, read_ahead(shown(of_raw)), progress)
+        done = whole.of(result) if whole else None
+        result = done or smoothed(result, config, read_ahead(shown(of_raw)), progress)
         gc.collect()  # what was smoothed holds itself, and with it the fields of a window
     return with_evidence(result, config, read_ahead(shown(of_raw)))
 

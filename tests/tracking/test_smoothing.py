@@ -23,11 +23,12 @@ from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.tracking import frame_loop, smoothing
+from mmocap_warp.tracking import smoothing, smoothing_beside
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.frame_loop import _SmoothingBeside, collect, track, track_observations
+from mmocap_warp.tracking.frame_loop import collect, track, track_observations
 from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.smoothing import smoothed
+from mmocap_warp.tracking.smoothing_beside import SmoothingBeside, SmoothingElsewhere
 from mmocap_warp.tracking.track_config import TrackConfig
 
 RIG = ring_rig(cameras=4, size=(240, 180))
@@ -301,7 +302,8 @@ def test_smoothed_while_it_is_tracked_a_clip_has_the_same_bits(monkeypatch, fram
     # What is read too early is wrong.
     blank = {name: np.full_like(getattr(track, name), np.nan) for name in names[:3]}
     room = replace(track, status=np.full_like(track.status, STATUS.index("lost")), **blank)
-    with KeptObservations() as kept, closing(_SmoothingBeside(room, config, kept, None)) as beside:
+    with KeptObservations() as kept, closing(SmoothingBeside(kept, None)) as beside:
+        beside.begin(room, config)
         for frame, observation in enumerate(seen):
             kept.add(observation)
             columns = (getattr(track, name)[:, frame] for name in names[:3])
@@ -316,10 +318,11 @@ def test_an_error_of_the_smoothing_stops_the_track_at_the_next_frame(monkeypatch
         next(observations)
         raise ZeroDivisionError
 
-    monkeypatch.setattr(frame_loop, "smoothed", broken)
+    monkeypatch.setattr(smoothing_beside, "smoothed", broken)
     seen, track = swinging()[1], rough_track()
     answers = [FrameAnswer(pose, *(np.ones(1),) * 2, 1, 0, 0.0) for pose in np.moveaxis(track.pose, 1, 0)]
-    with KeptObservations() as kept, closing(_SmoothingBeside(track, CONFIG, kept, None)) as beside:
+    with KeptObservations() as kept, closing(SmoothingBeside(kept, None)) as beside:
+        beside.begin(track, CONFIG)
         for frame in range(2):
             kept.add(seen[frame])
             beside.add(frame, answers[frame])
@@ -330,7 +333,61 @@ def test_an_error_of_the_smoothing_stops_the_track_at_the_next_frame(monkeypatch
 
 def test_an_interrupted_track_leaves_no_thread_waiting():
     seen, track = swinging()[1], rough_track()
-    with KeptObservations() as kept, closing(_SmoothingBeside(track, CONFIG, kept, None)) as beside:
+    with KeptObservations() as kept, closing(SmoothingBeside(kept, None)) as beside:
+        beside.begin(track, CONFIG)
         kept.add(seen[0])
     with pytest.raises(InterruptedError):
         beside._smoothed.result(timeout=60)
+
+
+def test_another_process_smooths_a_growing_track_to_the_same_bits():
+    seen, track, done = swinging()[1], rough_track(lost=(5, 6)), []
+    whole = smoothed(track, CONFIG, seen)
+    room = replace(track, pose=np.full_like(track.pose, np.nan))
+    with KeptObservations() as kept, closing(SmoothingElsewhere(kept, done.append)) as beside:
+        beside.begin(room, CONFIG)
+        for frame, observation in enumerate(seen):
+            kept.add(observation)
+            columns = (getattr(track, name)[:, frame] for name in ("pose", "cost", "iou"))
+            beside.add(frame, FrameAnswer(*columns, 1, track.status[:, frame], 0.0))
+        result = beside.of(track)
+    assert done[-1:] in ([], [FRAMES])  # what was done before the last frame came is not told
+    assert beside._process.returncode is not None
+    beside.close()  # again, as after frames that repeat
+    for name, array in whole.arrays.items():
+        np.testing.assert_array_equal(getattr(result, name), array, err_msg=name)
+
+
+@pytest.mark.parametrize("fails", [True, False])
+def test_a_long_track_is_smoothed_by_another_process_or_else_afterwards(monkeypatch, walk, fails):
+    scene, subject = walk
+    config = TrackConfig(device="cpu", scale=0.5, threads=2)
+    whole = track(scene, subject, config)
+    monkeypatch.setattr(smoothing_beside, "_LEAST_FRAMES", 1)
+    answers = []
+
+    def of(self, tracked, of=SmoothingElsewhere.of):
+        if fails:
+            self._process.kill()
+        answers.append(of(self, tracked))
+        return answers[-1]
+
+    monkeypatch.setattr(SmoothingElsewhere, "of", of)
+    again = track(scene, subject, config)
+    assert [answer is None for answer in answers] == [fails]
+    for name in ("pose", "raw_pose", "cost", "iou", "status", "angle_sigma", "joint_sigma"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(again, name), err_msg=name)
+
+
+def test_a_track_that_fails_leaves_no_process(monkeypatch, walk):
+    monkeypatch.setattr(smoothing_beside, "_LEAST_FRAMES", 1)
+    processes = []
+    begin = SmoothingElsewhere.begin
+    monkeypatch.setattr(SmoothingElsewhere, "begin", lambda self, *room: (processes.append(self), begin(self, *room)))
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        track(*walk, TrackConfig(device="cpu", scale=0.5, threads=2), progress=interrupt)
+    assert [each._process.returncode is not None for each in processes] == [True]

@@ -25,7 +25,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.commands import evaluate, mask, show, track
-from mmocap_warp.commands.caller import Reporter, arguments_checked, engine_of, start_warp
+from mmocap_warp.commands.caller import Reporter, arguments_checked, engine_of, seconds_of, start_warp
 from mmocap_warp.commands.outputs import lock, releases_locks
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
@@ -254,6 +254,7 @@ def batch(
     rules = [] if plan is None else _rules(Path(plan))
     if workers is not None and workers < 1:
         raise UsageError(f"--workers must be at least 1, got {workers}")
+    seconds = seconds_of(minutes)
     start_warp()
     if engine == "local" and workers is not None:
         with arguments_checked():
@@ -272,7 +273,7 @@ def batch(
         reporter.warn(f"{name}: given up: {problem}")
 
     heard = show or (lambda status: None)
-    status = run_jobs([*people, *trials], start, heard, reporter.warn, minutes and 60.0 * minutes)
+    status = run_jobs([*people, *trials], start, heard, reporter.warn, seconds)
     failures |= {task.job.name: status.failures[task.name] for task in trials if task.name in status.failures}
     done = [task.check() for task in trials if task.name not in failures]
     page = folder / "index.html"

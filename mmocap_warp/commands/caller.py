@@ -85,6 +85,13 @@ def describe(config: DataclassInstance, written: Mapping[str, Any], given: Mappi
     return ", ".join(parts)
 
 
+def seconds_of(minutes: float | None) -> float | None:
+    """How long a run may take, where its minutes are limited; a UsageError if that is no time at all."""
+    if minutes is not None and not minutes > 0:
+        raise UsageError(f"--minutes must be positive, got {minutes:g}")
+    return None if minutes is None else 60.0 * minutes
+
+
 def start_warp(device: str = "auto") -> None:
     """Start Warp without its messages and see that ``device`` is there.
 

@@ -145,7 +145,7 @@ def measure(
         force: write into a folder that holds something.
 
     Returns:
-        The measures; docs/measures.md defines every figure, :func:`mmocap_warp.biomechanics.measure_report.report`
+        The measures; docs/measures.md defines every figure, :func:`mmocap_warp.biomechanics.measure_tables.report`
         sums them up, and ``files`` are those that were written.
 
     Raises:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from mmocap_warp.bench import report_file, suite
 from mmocap_warp.bench.end_to_end import Walk
-from mmocap_warp.commands.caller import Reporter, engine_of, start_warp
+from mmocap_warp.commands.caller import Reporter, engine_of, seconds_of, start_warp
 from mmocap_warp.commands.outputs import lock, new_file, releases_locks
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
@@ -85,8 +85,7 @@ def run_study(
     loaded = study if isinstance(study, Study) else load_study(Path(study))
     if poses not in ("all", "typical"):
         raise UsageError(f"--poses must be all or typical, got '{poses}'")
-    if minutes is not None and not minutes > 0:
-        raise UsageError(f"--minutes must be positive, got {minutes:g}")
+    seconds = seconds_of(minutes)
     start_warp()
     kind, start = engine_of(Worker, engine, device, threads, address, workers, gpus)
     # A study that is wrong leaves no folder.
@@ -95,7 +94,6 @@ def run_study(
     open_folder(folder)
     lock(folder)
     keep = {"keep": with_typical_pose} if poses == "typical" else {}
-    seconds = None if minutes is None else 60.0 * minutes
     warn = (reporter or Reporter()).warn
 
     spent = 0.0  # seconds that earlier calls took of those that the run may take

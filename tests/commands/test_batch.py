@@ -280,6 +280,7 @@ def test_scenes_are_named_from_the_folder_that_was_given(made, here, tmp_path):
         ({"steps": "dance"}, mm.UsageError, "steps must be of mask, fit, .* and export:ENDING, got 'dance'"),
         ({"steps": "mask,view"}, mm.UsageError, "steps needs track"),
         ({"workers": 0}, mm.UsageError, "workers must be at least 1"),
+        ({"minutes": 0.0}, mm.UsageError, "minutes must be positive, got 0"),
         ({"engine": "cloud"}, mm.UsageError, "engine must be local or ray"),
         ({"scenes": "."}, mm.InputError, "names no scene"),
         ({"scenes": ["b", "b/scene.toml"]}, mm.InputError, "names two scenes of one folder"),

@@ -13,7 +13,6 @@ from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.sandbox import trust
 from mmocap_warp.formats.toml_table import load_toml
-from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.scenes import ROOT
 
 _FOLDERS = ("bodies", "characters")  # folders of people, and of other bodies
@@ -33,6 +32,8 @@ def load_body(name: str | Path, source: object = "body") -> BodyModel:
     Raises:
         InputError: no such body, or a file that holds none.
     """
+    from mmocap_warp.formats.usd.usd_body import read_body  # USD takes a quarter of the start of what needs none
+
     file = body_file(name, source)
     if file.is_relative_to(ROOT):
         trust(file)  # it is as much part of the program as its code

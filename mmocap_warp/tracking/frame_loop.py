@@ -139,14 +139,14 @@ def track(
     subject, _ = subject_carrying(subject, scene.attached)
     rig, unit = scene.rig(config.scale), subject.body.unit
 
-    # Refuse another run's checkpoint before anything is built.
-    identity = run_identity(scene, subject, config) if checkpoint else {}
-    if checkpoint and resume:
-        identity = with_code_of(checkpoint, identity) if accept_changed_code else identity
-        read_checkpoint(checkpoint, identity)
-    given: dict[str, Any] = {"subject": subject, "cameras": rig}
-    subject, rig, config = in_own_unit(subject, rig, config)
     with KeptObservations() as kept, smoothing_beside(scene.frame_count, config, kept, smooth_progress) as beside:
+        # Refuse another run's checkpoint before anything is built.
+        identity = run_identity(scene, subject, config) if checkpoint else {}
+        if checkpoint and resume:
+            identity = with_code_of(checkpoint, identity) if accept_changed_code else identity
+            read_checkpoint(checkpoint, identity)
+        given: dict[str, Any] = {"subject": subject, "cameras": rig}
+        subject, rig, config = in_own_unit(subject, rig, config)
         tracker = make_tracker(subject, rig, config, scene.rate)
 
         # Go on after the frames that were saved, which may be those of a second start, too.

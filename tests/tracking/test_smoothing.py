@@ -379,6 +379,21 @@ def test_a_long_track_is_smoothed_by_another_process_or_else_afterwards(monkeypa
         np.testing.assert_array_equal(getattr(whole, name), getattr(again, name), err_msg=name)
 
 
+@pytest.mark.parametrize(
+    ("frames", "settings", "kind"),
+    [
+        (240, {}, SmoothingElsewhere),
+        (239, {}, SmoothingBeside),
+        (240, {"threads": 1}, type(None)),
+        (240, {"smooth": 0.0}, type(None)),
+    ],
+)
+def test_what_smooths_a_track_beside_it(frames, settings, kind):
+    config = TrackConfig(**{"device": "cpu", "threads": 2} | settings)
+    with KeptObservations() as kept, smoothing_beside.smoothing_beside(frames, config, kept, None) as beside:
+        assert type(beside) is kind
+
+
 def test_a_track_that_fails_leaves_no_process(monkeypatch, walk):
     monkeypatch.setattr(smoothing_beside, "_LEAST_FRAMES", 1)
     processes = []

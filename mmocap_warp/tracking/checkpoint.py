@@ -284,9 +284,18 @@ def _memory_type(memory: Memory) -> np.dtype:
 def _record_type(pose: np.ndarray, cameras: int) -> np.dtype:
     """A finished frame in the file, of a run's poses (run, coordinate)."""
     runs = len(pose)
-    answer = [("pose", "<f4", pose.shape), ("cost", "<f4", (runs,)), ("iou", "<f8", (runs, cameras))]
-    state = [("evaluations", "<i8"), ("status", "<i1", (runs,)), ("seconds", "<f8"), ("counter", "<i4", (runs,))]
-    return np.dtype([*answer, *state, ("checksum", "<u4")])  # the last is of all before it
+    return np.dtype(
+        [
+            ("pose", "<f4", pose.shape),
+            ("cost", "<f4", (runs,)),
+            ("iou", "<f8", (runs, cameras)),
+            ("evaluations", "<i8"),
+            ("status", "<i1", (runs,)),
+            ("seconds", "<f8"),
+            ("counter", "<i4", (runs,)),
+            ("checksum", "<u4"),  # of all before it
+        ]
+    )
 
 
 def _checksum(record: np.void) -> int:

@@ -139,7 +139,10 @@ def track(
     subject, _ = subject_carrying(subject, scene.attached)
     rig, unit = scene.rig(config.scale), subject.body.unit
 
-    with KeptObservations() as kept, smoothing_beside(scene.frame_count, config, kept, smooth_progress) as beside:
+    # Smooth meanwhile, but a run that is resumed only once its frames are all there.
+    resumes = resume and checkpoint is not None and checkpoint.exists()
+    frames = 0 if resumes else scene.frame_count
+    with KeptObservations() as kept, smoothing_beside(frames, config, kept, smooth_progress) as beside:
         # Refuse another run's checkpoint before anything is built.
         identity = run_identity(scene, subject, config) if checkpoint else {}
         if checkpoint and resume:
@@ -171,13 +174,12 @@ def track(
             begun = collect(subject, rig, scene.fps, config, answers, scene.frames[:done])
             observations = chain(tracked_observations(scene, begun, range(first, done)), observations)
         observations = with_holes(observations, scene.rate, lambda i: silhouettes_of(answers[first + i - 1].pose))
-        if beside and not done:
+        if beside:
             unknown = np.full((config.runs, len(rig)), np.nan)
             blank = FrameAnswer(tracker.state.pose, unknown[:, 0], unknown, 0, STATUS.index("lost"), 0.0)
             room = collect(subject, rig, scene.fps, config, [blank] * scene.frame_count, scene.frames)
             beside.begin(room, config)
-        frames = islice(observations, done - first, None)
-        _extend(answers, tracker, frames, saved, progress, None if done else beside)
+        _extend(answers, tracker, islice(observations, done - first, None), saved, progress, beside)
         result = collect(subject, rig, scene.fps, config, answers, scene.frames)
         complete = len(kept) == len(answers)
 
@@ -194,8 +196,7 @@ def track(
             _extend(again, tracker, islice(seen, len(again), None), saved, progress)
             return again
 
-        smoother = beside if complete and not done else None
-        finished = _finished(result, config, masks, start_again, smooth_progress, smoother)
+        finished = _finished(result, config, masks, start_again, smooth_progress, beside if complete else None)
         return replace(finished.in_unit(1 / unit), **given)
 
 

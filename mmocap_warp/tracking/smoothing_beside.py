@@ -8,11 +8,11 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import replace
-from itertools import count
+from functools import partial
 from threading import Semaphore, Thread
 from typing import Any
 
@@ -34,7 +34,7 @@ def smoothing_beside(
 ) -> Iterator[SmoothingBeside | SmoothingElsewhere | None]:
     """What smooths a track of so many frames while it grows, whose masks are ``kept``; None where that does not pay."""
     beside: SmoothingBeside | SmoothingElsewhere | None = None
-    if config.acceleration and (config.threads or available_threads()) > 1:
+    if frames and config.acceleration and (config.threads or available_threads()) > 1:
         if frames >= _LEAST_FRAMES and multiprocessing.parent_process() is None:  # a worker has others beside it
             with suppress(OSError):  # it is smoothed later where no process can be started
                 beside = SmoothingElsewhere(kept, report)
@@ -111,15 +111,15 @@ class SmoothingElsewhere:
 
     def begin(self, room: Result, config: TrackConfig) -> None:
         """Begin with a result of as many frames as the track will have."""
-        self._sending.submit(self._send, (room, config))
+        self._sending.submit(self._send, lambda: (room, config))
 
     def add(self, _: int, answer: FrameAnswer) -> None:
         """The next frame was tracked."""
-        self._sending.submit(lambda: self._send((next(self._kept), answer)))
+        self._sending.submit(self._send, lambda: (next(self._kept), answer))
 
     def of(self, tracked: Result) -> Result | None:
         """The whole track, whose frames were all added, smoothed; None where the process failed."""
-        self._sending.submit(self._send, None)
+        self._sending.submit(self._send, lambda: None)
         with suppress(EOFError, pickle.UnpicklingError):
             while isinstance(come := pickle.load(self._process.stdout), int):
                 if self._report:
@@ -133,9 +133,13 @@ class SmoothingElsewhere:
         self._sending.shutdown(cancel_futures=True)
         self._process.communicate()
 
-    def _send(self, what: Any) -> None:
-        pickle.dump(what, self._process.stdin)
-        self._process.stdin.flush()
+    def _send(self, what: Callable[[], Any]) -> None:
+        try:
+            pickle.dump(what(), self._process.stdin)
+            self._process.stdin.flush()
+        except Exception:
+            self._process.kill()  # else it waits for what is missing, and the track for it
+            raise
 
 
 def serve() -> None:
@@ -152,11 +156,9 @@ def serve() -> None:
     room, config = pickle.load(come)
     with KeptObservations() as kept, closing(SmoothingBeside(kept, tell)) as beside:
         beside.begin(room, config)
-        for frame in count():
-            if (added := pickle.load(come)) is None:
-                break
-            kept.add(added[0])
-            beside.add(frame, added[1])
+        for frame, (observation, answer) in enumerate(iter(partial(pickle.load, come), None)):
+            kept.add(observation)
+            beside.add(frame, answer)
         Thread(target=lambda: (come.read(), os._exit(1)), daemon=True).start()  # once the parent is gone
         tell(beside.of(room))
 

@@ -379,6 +379,15 @@ def test_a_long_track_is_smoothed_by_another_process_or_else_afterwards(monkeypa
         np.testing.assert_array_equal(getattr(whole, name), getattr(again, name), err_msg=name)
 
 
+def test_what_cannot_be_handed_on_lets_no_track_wait():
+    seen, track = swinging()[1], rough_track()
+    with KeptObservations() as kept, closing(SmoothingElsewhere(kept, None)) as beside:
+        beside.begin(track, CONFIG)
+        kept.add(seen[0])
+        beside.add(0, lambda: None)  # no process can be told of a function without a name
+        assert beside.of(track) is None
+
+
 @pytest.mark.parametrize(
     ("frames", "settings", "kind"),
     [

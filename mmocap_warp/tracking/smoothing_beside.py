@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from threading import Semaphore, Thread
@@ -134,12 +134,11 @@ class SmoothingElsewhere:
         self._process.communicate()
 
     def _send(self, what: Callable[[], Any]) -> None:
-        try:
+        with ExitStack() as failing:
+            failing.callback(self._process.kill)  # else it waits for what is missing, and the track for it
             pickle.dump(what(), self._process.stdin)
             self._process.stdin.flush()
-        except Exception:
-            self._process.kill()  # else it waits for what is missing, and the track for it
-            raise
+            failing.pop_all()
 
 
 def serve() -> None:

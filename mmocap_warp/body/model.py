@@ -57,6 +57,7 @@ class BodyModel:
         attribution: where the shape comes from and under which licence.
         rigid: whether bones' lengths, girths and scale are known, as a robot's are: only poses are solved for.
         joint_sets: tables of further joint sets, texts by name; see :mod:`mmocap_warp.body.joint_sets`.
+        motion_poses: (pose, coordinate) float64, of the motions that came with it; None without any.
     """
 
     name: str
@@ -73,6 +74,7 @@ class BodyModel:
     attribution: str
     rigid: bool = False
     joint_sets: Mapping[str, str] = field(default_factory=dict)
+    motion_poses: np.ndarray | None = None
 
     def __repr__(self) -> str:
         joints, models = len(self.skeleton.joints), " or ".join(map(str, self.skeleton.models))
@@ -127,7 +129,8 @@ class BodyModel:
         """The body with all of its lengths in a unit [m], what is attached included."""
         by = np.float32(1 / unit)
         body = self.with_rest(self.skin.rest * by, self.joint_rest * by, by)
-        return replace(body, skeleton=self.skeleton.in_unit(unit))
+        poses = None if self.motion_poses is None else self.motion_poses / self.skeleton.units(unit)
+        return replace(body, skeleton=self.skeleton.in_unit(unit), motion_poses=poses)
 
     def with_rest(self, rest: np.ndarray, joint_rest: np.ndarray, scale: np.float32 | np.ndarray) -> BodyModel:
         """The body with other bind places (vertex, 3) and (joint, 3) float32 [m], and its shape targets scaled."""
@@ -233,6 +236,10 @@ class BodyMotion:
 
     fps: float  # frames per second
     pose: np.ndarray  # (frame, coordinate) float64 [m, rad]
+
+    def some_poses(self, count: int) -> np.ndarray:
+        """(pose, coordinate) up to ``count`` of its poses, evenly spread."""
+        return self.pose[np.unique(((np.arange(count) + 0.5) / count * len(self.pose)).astype(int))]
 
 
 def motion_named(name: str, motions: Mapping[str, BodyMotion], body_file: Path) -> BodyMotion:

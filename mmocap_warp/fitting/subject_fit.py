@@ -329,24 +329,27 @@ def _verdict(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | i
 def _headings(task: _Task, frame: FirstFrame) -> list[Guess]:
     """A guess for each heading, or for each of the best ways to turn and bend a body that has no usual ones.
 
+    A body whose motions lead far from its rest pose may begin in any of their poses.
+
     Where the body carries something, two for each heading, of its own size and scaled to the hull's: a racket held high
     makes the hull taller, not the person.
     """
-    config, shapes, body = task.config, ShapeSpace(task.body, task.rig.up), task.body
-    if task.start_poses is None and body.skeleton.stands and not body.rigid:
+    config, shapes, body, poses = task.config, ShapeSpace(task.body, task.rig.up), task.body, task.start_poses
+    far = bool(body.skeleton.spread[~body.skeleton.is_attached].max() > _FAR)
+    if poses is None and far and not body.rigid and body.motion_poses is not None:
+        poses = np.concatenate([usual_poses(body.skeleton, False, config.seed), body.motion_poses])
+    if poses is None and body.skeleton.stands and not body.rigid:
         sizes = (True, False) if body.skeleton.attached else (True,)
         starts = [standing_start(shapes, frame, scaled=scaled) for scaled in sizes]
         # Where joints may begin far from the rest pose, more is spent, and all are also searched near to it.
         near = replace(body.skeleton, spread=np.minimum(body.skeleton.spread, _NEAR))
-        far = bool(body.skeleton.spread[~body.skeleton.is_attached].max() > _FAR)
         spaces = [shapes, ShapeSpace(replace(body, skeleton=near), task.rig.up)][: 1 + far]
         spent = config.headings, config.evaluations * (_FAR_SHARE if far else 1)
         searched = [search_headings(space, frame, start, *spent) for space in spaces for start in starts]
         candidates = np.concatenate(searched)
     else:
-        given = task.start_poses
-        poses = usual_poses(body.skeleton, body.rigid, config.seed) if given is None else given
-        screened = screened_starts(shapes, frame, subject_hull(body, frame), poses, config.headings)
-        candidates = search_starts(shapes, frame, screened, config.evaluations, near_rest=given is None)
+        begun = usual_poses(body.skeleton, body.rigid, config.seed) if poses is None else poses
+        screened = screened_starts(shapes, frame, subject_hull(body, frame), begun, config.headings)
+        candidates = search_starts(shapes, frame, screened, config.evaluations, near_rest=poses is None)
     subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in candidates]
     return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]

@@ -129,6 +129,7 @@ def _join(body: BodyModel, thing: Attachment, carrier: int, surface: _Surface) -
         tracking_face=np.concatenate([body.tracking_face, tracking_face.astype(np.int32)]),
         shape_vertex=np.concatenate([body.shape_vertex, carried.repeat(count, axis=1)], axis=1),
         shape_joint=np.concatenate([body.shape_joint, carried.repeat(more, axis=1)], axis=1),
+        motion_poses=None if body.motion_poses is None else np.pad(body.motion_poses, ((0, 0), (0, 3 * more))),
     )
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.model import BodyMotion, motion_named
+from mmocap_warp.body.model import motion_named
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 
-_FRAMES = 8  # number of a motion's frames that are taken, evenly spread
+_FRAMES = 8  # number of a motion's frames that are taken
 
 
 def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
@@ -26,15 +26,12 @@ def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
     """
     skeleton, motions = read_body(body_file).skeleton, read_motions(body_file)
     poses = [
-        read_pose(name, skeleton)[None] if name.endswith(".toml") else frames_of(motion_named(name, motions, body_file))
+        read_pose(name, skeleton)[None]
+        if name.endswith(".toml")
+        else motion_named(name, motions, body_file).some_poses(_FRAMES)
         for name in named
     ]
     return np.concatenate(poses)
-
-
-def frames_of(motion: BodyMotion) -> np.ndarray:
-    """(pose, coordinate) some of a motion's frames, evenly spread."""
-    return motion.pose[np.unique(np.linspace(0, len(motion.pose) - 1, _FRAMES).round().astype(int))]
 
 
 def read_pose(path: str | Path, skeleton: Skeleton) -> np.ndarray:

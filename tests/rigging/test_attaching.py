@@ -136,6 +136,11 @@ def test_a_mesh_that_is_open_fine_or_in_pieces_is_made_fit(tmp_path: Path) -> No
         "Ball: tracking mesh: 5120 triangles made 600",
     )
     assert is_closed(made.body.tracking_face)
+    moved = replace(quadruped(), motion_poses=np.ones((2, quadruped().skeleton.coordinates)))
+    carrier = carrying(moved, [Attachment("Ball", tmp_path / "ball.stl", "Head")]).body
+    assert carrier.motion_poses is not None
+    own = np.arange(carrier.skeleton.coordinates) < moved.skeleton.coordinates
+    np.testing.assert_array_equal(carrier.motion_poses, [own, own])
     again = carrying(made.body, [Attachment("Ball", tmp_path / "ball.stl", "Head")])
     assert again.body is made.body
     assert again.notes == ()

@@ -30,7 +30,7 @@ def test_frames_of_motions_and_angles_of_a_file(file: Path) -> None:
     angles = file.with_name("sitting.toml")
     angles.write_text("LForeHip.Rx = 90\n[Head]\nRx = -30\n")
     found = start_poses(file, ["Walk", "Sit", str(angles)])
-    np.testing.assert_allclose(found[[0, 7, 8]], WALK[[0, -1, 0]])
+    np.testing.assert_allclose(found[[0, 7, 8]], WALK[[1, 28, 0]])
     assert len(found) == 8 + 1 + 1
     named = {DOG.skeleton.coordinate_names[i]: found[-1, i] for i in np.flatnonzero(found[-1])}
     assert named == pytest.approx({"LForeHip.Rx": np.pi / 2, "Head.Rx": -np.pi / 6})

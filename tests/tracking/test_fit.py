@@ -365,6 +365,36 @@ def test_who_may_begin_far_from_rest_is_also_searched_near_to_it(walk, man, monk
     assert asked == [(0.4, 1), (0.8, 3), (0.2, 3)]
 
 
+@pytest.mark.parametrize(
+    ("spread", "rigid", "begun", "near_rest"),
+    [(2, False, 3, False), (2, True, 49, True), (1, False, 0, None)],
+    ids=["far", "rigid", "near"],
+)
+def test_a_body_whose_motions_lead_far_begins_in_their_poses(man, monkeypatch, spread, rigid, begun, near_rest):
+    asked = []
+
+    def screened(shapes, frame, hull, poses, most):
+        asked.append(len(poses))
+        return np.zeros((1, len(shapes)), np.float32)
+
+    def search(shapes, frame, starts, evaluations, *, near_rest=None):
+        asked.append(near_rest)
+        return starts.astype(np.float32)
+
+    for name, stand_in in (("screened_starts", screened), ("search_starts", search)):
+        monkeypatch.setattr(f"mmocap_warp.fitting.subject_fit.{name}", stand_in)
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.subject_hull", lambda *_: None)
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.standing_start", lambda space, *_, **__: np.zeros(len(space)))
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.search_headings", lambda space, _, start, *__: start[None])
+    poses, skeleton = (
+        np.zeros((2, man.skeleton.coordinates)),
+        replace(man.skeleton, spread=spread * man.skeleton.spread),
+    )
+    moved = replace(man, motion_poses=poses, skeleton=skeleton, rigid=rigid)
+    assert len(_headings(_Task(moved, SimpleNamespace(up="+y"), QUICK, lambda *_: None), None)) == 1
+    assert asked == ([begun, near_rest] if begun else [])
+
+
 @pytest.mark.parametrize(("poses", "near_rest"), [(None, True), ("given", False)])
 def test_poses_that_are_given_are_not_pulled_to_the_rest_pose(man, monkeypatch, poses, near_rest):
     """A rigid body is begun from several ways to lie, which have no rest to be pulled to where they are given."""

@@ -35,6 +35,8 @@ def test_lengths_alone_change_with_the_unit():
     np.testing.assert_array_equal(LARGE.pose[3:], SUBJECT.pose[3:])
     measured = replace(SUBJECT, provenance={"body.height": 1.7, "shape.bone.LKnee": 0.1, "fit.cost": 0.2})
     large = measured.in_unit(1 / FACTOR)
+    seen = replace(SUBJECT.body, motion_poses=SUBJECT.pose[None]).in_unit(1 / FACTOR)
+    np.testing.assert_allclose(seen.motion_poses, LARGE.pose[None])
     assert large.provenance == {"body.height": 34.0, "shape.bone.LKnee": 2.0, "fit.cost": 0.2}
 
 

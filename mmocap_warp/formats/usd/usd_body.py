@@ -29,6 +29,7 @@ from mmocap_warp.formats.usd.usd_file import PrimReader, author, read_stage, rea
 from mmocap_warp.formats.usd.usd_skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 
 _REMEDY = "import the body again with `mmocap body import`, or start from one that comes with the project"
+_MOTION_POSES = 32  # of all motions together, unless there are more motions
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
 
 
@@ -53,7 +54,10 @@ def read_motions(path: str | Path) -> dict[str, model.BodyMotion]:
     """The motions that came with a body, by name; none where it has none."""
     stage = read_stage(path)
     body = body_prim(stage, path)
-    coordinates = body_from_prim(body, path).skeleton.coordinates
+    return _motions(body, body_from_prim(body, path).skeleton.coordinates, path)
+
+
+def _motions(body: Usd.Prim, coordinates: int, path: object) -> dict[str, model.BodyMotion]:
     motions, above = {}, body.GetChild("Motions")
     for prim in above.GetChildren() if above else ():
         read = PrimReader(prim, path, _REMEDY)
@@ -209,6 +213,8 @@ def body_from_prim(prim: Usd.Prim, source: object) -> model.BodyModel:
     tracking.require(_is_within(tracking_vertex, len(mesh.rest)), "mmocap:skinVertices names a vertex that Skin lacks")
     tracking_face = _read_faces(tracking, len(tracking_vertex), corners=(3,))
     tracking.require(is_closed(tracking_face), "the tracking mesh is not closed")
+    motions = _motions(prim, joints.coordinates, source).values()
+    count = max(1, _MOTION_POSES // max(1, len(motions)))
     sets, tables = (read.texts(f"mmocap:{name}", optional=True) for name in ("jointSetNames", "jointSets"))
     read.require(len(sets) == len(tables), "mmocap:jointSets has not one table for each of mmocap:jointSetNames")
     return model.BodyModel(
@@ -226,6 +232,7 @@ def body_from_prim(prim: Usd.Prim, source: object) -> model.BodyModel:
         attribution=read.typed("mmocap:attribution", str),
         rigid=read.typed("mmocap:rigid", bool, unsaid=False),
         joint_sets=dict(zip(sets, tables, strict=True)),
+        motion_poses=np.concatenate([motion.some_poses(count) for motion in motions]) if motions else None,
     )
 
 

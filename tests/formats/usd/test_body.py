@@ -12,7 +12,7 @@ from person_skeleton import JOINTS
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, UsdValidation, Vt
 from reference import joint_transforms, skin
 
-from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_body, write_subject
@@ -78,6 +78,21 @@ def test_body_without_shapes_and_markers(tmp_path: Path, body: BodyModel) -> Non
     )
     write_body(tmp_path / "body.usdc", bare)
     assert_same(read_body(tmp_path / "body.usdc"), bare)
+
+
+@pytest.mark.parametrize(("lengths", "counts"), [([200, 5], [16, 5]), ([50] * 40, [1] * 40)], ids=["two", "many"])
+def test_some_poses_of_its_motions_come_with_a_body(
+    tmp_path: Path, body: BodyModel, lengths: list[int], counts: list[int]
+) -> None:
+    motions = {
+        f"m{i}": BodyMotion(30.0, i + np.linspace(0, 0.9, n)[:, None] * np.ones(51)) for i, n in enumerate(lengths)
+    }
+    write_body(tmp_path / "body.usdc", body, motions)
+    poses = read_body(tmp_path / "body.usdc").motion_poses
+    assert poses is not None
+    assert np.unique(poses[:, 0].astype(int), return_counts=True)[1].tolist() == counts
+    assert (np.diff(poses[:, 0]) > 0).all()
+    assert body.motion_poses is None
 
 
 def test_subject_round_trip(tmp_path: Path, subject: Subject) -> None:

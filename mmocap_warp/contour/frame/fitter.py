@@ -113,10 +113,8 @@ class ContourFitter:
         self._views = make_views(rig, device)
         self._late = np.zeros((frames, cameras), np.float32)
         self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
-        skin = (candidates, vertices)
-        self._moving = allocated(
-            Moving, device, late=self._late, frame=self.fields.struct.frame, own=0.0, velocity=skin, bend=skin
-        )
+        skin = dict.fromkeys(("velocity", "bend"), (candidates, vertices))
+        self._moving = allocated(Moving, device, late=self._late, frame=self.fields.struct.frame, own=0.0, **skin)
 
         # From outlines to residuals, rows of the Jacobian, and their sums.
         config = (matching or MatchingConfig()).for_size(body.relative_size)
@@ -178,11 +176,10 @@ class ContourFitter:
     def move(self, rooted: RootedPoses, neighbours: Neighbours) -> None:
         """For late views, let the body move through the first candidates' poses as their neighbours say."""
         self._moving.own, count = 0.0, len(rooted)
-        vertices = self._posed.vertex.shape[1]
         for poses, skin in ((neighbours.before, self._moving.velocity), (neighbours.after, self._moving.bend)):
             self.start_at(poses.pose, poses.base, np.zeros(count, int))
             self._work.run(self._skin, count)
-            wp.copy(skin, self._posed.vertex, count=count * vertices)
+            wp.copy(skin, self._posed.vertex, count=count * self._posed.vertex.shape[1])
         self._sides.assign(np.resize(neighbours.sides, self.candidates).astype(np.int32))
         self.start_at(rooted.pose, rooted.base, np.zeros(count, int))
         self._work.run(lambda batch: self._bend(batch, neighbours), count)
@@ -193,8 +190,7 @@ class ContourFitter:
 
     def _skin(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their skin."""
-        pose = self.descent.pose
-        pose_vertices(self.body, pose, self._vertex, batch, self._joints, self._posed.vertex)
+        pose_vertices(self.body, self.descent.pose, self._vertex, batch, self._joints, self._posed.vertex)
 
     def reshape(self, rest: np.ndarray, joint_rest: np.ndarray) -> None:
         """Take another rest body: (vertex, 3) of the tracking mesh and (joint, 3) [m]."""
@@ -219,25 +215,28 @@ class ContourFitter:
 
         Late views see where the ``neighbours`` lead; without these, the body stands still for them.
         """
-        parts = [self._read_sums(count) for count in self._summed(place, poses, neighbours)]
+        parts = [self._read_sums(count) for _, count in self._in_parts(place, poses, neighbours)]
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def linearise_views(
         self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None
     ) -> ViewEquations:
         """As :meth:`linearise`, each view apart, and with the view's own columns behind the body's parameters."""
-        parts = [self._read_views(count) for count in self._summed(place, rooted, neighbours)]
+        parts = [self._read_views(count) for _, count in self._in_parts(place, rooted, neighbours)]
         return ViewEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def _summed(self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None) -> Iterator[int]:
-        """Sum up poses, as many at a time as there is room for; gives how many."""
+    def _in_parts(
+        self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None, steps: int | None = None
+    ) -> Iterator[tuple[slice, int]]:
+        """Sum up poses, or take ``steps`` from them, as many at a time as there is room for; gives which, how many."""
         for first in range(0, max(len(rooted), 1), self.candidates):
             part = slice(first, min(first + self.candidates, len(rooted)))
             if neighbours and self.late:
                 self.move(rooted[part], neighbours[part])
             count = self.set_starts(rooted.pose[part], rooted.base[part], place[part])
-            self._replays.run(("sums", count, *self._baked), partial(self._sum_up, count))
-            yield count
+            work = partial(self._sum_up, count) if steps is None else partial(self._answer, count, steps)
+            self._replays.run(("part", count, steps, *self._baked), work)
+            yield part, count
 
     def _sum_up(self, count: int) -> None:
         """Sum up the first candidates' poses, and have the sums on their way to the host."""
@@ -274,13 +273,7 @@ class ContourFitter:
     ) -> tuple[RootedPoses, np.ndarray]:
         """Poses that the contours of the frames in places (pose,) lead to from some, and what they cost (pose,)."""
         pose, cost = starts.pose.copy(), np.zeros(len(starts))
-        for first in range(0, len(starts), self.candidates):
-            part = slice(first, min(first + self.candidates, len(starts)))
-            count = part.stop - part.start
-            if self.late:
-                self.move(starts[part], neighbours[part])
-            self.set_starts(starts.pose[part], starts.base[part], place[part])
-            self._replays.run(("answers", count, steps, *self._baked), partial(self._answer, count, steps))
+        for part, count in self._in_parts(place, starts, neighbours, steps):
             pose[part], tally = self._answers.read(count)
             cost[part] = 0.5 * tally[:, :, 0].astype(np.float64).sum(axis=1)
         return RootedPoses(starts.base, pose), cost
@@ -296,8 +289,7 @@ class ContourFitter:
         wp.copy(descent.start, descent.pose)
         descent.cost.fill_(wp.inf)
         descent.damping.fill_(_FIRST_DAMPING)
-        work = partial(self._descend, steps=steps)
-        self._work.run(lambda batch: self._again(batch, steps, work), count)
+        self._work.run(partial(self._again, steps=steps, work=partial(self._descend, steps=steps)), count)
 
     @property
     def _baked(self) -> tuple[int | float | None, ...]:

@@ -1,7 +1,6 @@
 """Signed distances to the contours of masks: how far, and which way, an outline is from where it should be."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -35,11 +34,6 @@ class DistanceFields:
     candidates are judged at a time, each against the frame in ``frame``.
     """
 
-    _first: int | None  # place of the frames that were observed last
-    _boxes: Any
-    _replays: Replays
-    _upload: Upload
-
     def __init__(self, rig: CameraRig, frames: int, candidates: int, device: str) -> None:
         self._rig, self._device = rig, device
         view = (frames, len(rig))
@@ -53,6 +47,18 @@ class DistanceFields:
         self._has_room = wp.get_device(device).is_cuda and whole_image_bytes(rig, frames) <= MOST_WHOLE
         if self._has_room:
             self._reserve(int(pixels_of(*rig.size.T).sum()), min(frames, _TOGETHER))
+
+    def _allocate(self, frames: int) -> None:
+        """Make what frames need that are observed at a time."""
+        width, height = self._rig.size.max(axis=0).tolist()
+        view = (frames, len(self._rig))
+        words = (*view, height, words_per_row(width))
+        self._masks = allocated(Masks, self._device, word=words, size=self._rig.size, place=frames)
+        self._pixels = wp.zeros(view, dtype=wp.int32, device=self._device)
+        self._word, self._foreground = Upload(self._masks.word), Upload(self._pixels)
+        self._first: int | None = None  # place of the frames that were observed last
+        self._boxes = wp.zeros(view, dtype=wp.vec4i, device=self._device)
+        self._replays = Replays(self._device)
 
     @property
     def seen(self) -> np.ndarray:
@@ -73,10 +79,9 @@ class DistanceFields:
         if first != self._first:
             self._first = first
             self._masks.place.assign(np.arange(first, first + frames, dtype=np.int32))
-        words, foreground = self._word.values, self._foreground.values
         for number, observation in enumerate(observations):
-            words[number] = observation.possible
-            foreground[number] = observation.foreground
+            self._word.values[number] = observation.possible
+            self._foreground.values[number] = observation.foreground
         if self._has_room:
             self._replays.run(frames, self._find_and_measure)
             self._word.sent()
@@ -121,18 +126,6 @@ class DistanceFields:
     def _measure(self) -> None:
         place_boxes(self._masks, self._boxes, self._pixels, _LEAST_PIXELS, self._workings.room, self.struct)
         measure_distances(self._masks, self._workings, self.struct)
-
-    def _allocate(self, frames: int) -> None:
-        """Make what frames need that are observed at a time."""
-        width, height = self._rig.size.max(axis=0).tolist()
-        view = (frames, len(self._rig))
-        words = (*view, height, words_per_row(width))
-        self._masks = allocated(Masks, self._device, word=words, size=self._rig.size, place=frames)
-        self._pixels = wp.zeros(view, dtype=wp.int32, device=self._device)
-        self._word, self._foreground = Upload(self._masks.word), Upload(self._pixels)
-        self._first = None
-        self._boxes = wp.zeros(view, dtype=wp.vec4i, device=self._device)
-        self._replays = Replays(self._device)
 
     def _reserve(self, room: int, frames: int) -> None:
         """Make room for frames of ``room`` values, and to work on some frames at a time; earlier fields stay."""

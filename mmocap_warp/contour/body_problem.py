@@ -141,13 +141,10 @@ class _Descent:
         information = self._problem.sigma**-2.0
         off = state.beta - self._problem.generic
         base = np.zeros(self._still)  # is pulled nowhere
-        prior = (
-            np.diag(np.concatenate([base, information])),
-            np.concatenate([base, -information * off]),
-            0.5 * float(information @ off**2),
-        )
+        matrix, pull = np.diag(np.concatenate([base, information])), np.concatenate([base, -information * off])
+        cost = 0.5 * float(information @ off**2)
         contour = self._problem.linearise(self._frames, state.rooted, state.beta)
-        return _Equations(self._base_with_body(contour) if self._still else contour, prior)
+        return _Equations(self._base_with_body(contour) if self._still else contour, (matrix, pull, cost))
 
     def _base_with_body(self, contour: NormalEquations) -> NormalEquations:
         """The equations with the coordinates of a fixed base moved behind those of each frame."""

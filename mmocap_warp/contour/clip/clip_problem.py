@@ -116,21 +116,13 @@ class ClipProblem:
         ``held`` are the final poses before them.
         """
         contour = self.linearise(frames, rooted)
-        known = np.concatenate([np.ones(len(held), bool), contour.observed])
-        rooted = held.followed_by(rooted).interpolated(known)[len(held) :]
+        rooted = held.followed_by(rooted).interpolated(_known(held, contour))[len(held) :]
         for each in passes:
-            penalty = MotionPenalty(each.acceleration, self.rate)
-            rooted, contour = self._descended(frames, rooted, held, contour, penalty, each.steps)
+            rooted, contour = self._descended(frames, rooted, held, contour, each)
         return rooted, contour
 
     def _descended(
-        self,
-        frames: np.ndarray,
-        rooted: RootedPoses,
-        held: RootedPoses,
-        contour: NormalEquations,
-        penalty: MotionPenalty,
-        steps: int,
+        self, frames: np.ndarray, rooted: RootedPoses, held: RootedPoses, contour: NormalEquations, under: Pass
     ) -> tuple[RootedPoses, NormalEquations]:
         """Poses after damped Gauss-Newton steps, fewer where one becomes tiny, and the contours' equations around them.
 
@@ -138,21 +130,17 @@ class ClipProblem:
         was, and is damped ten times as much in the next step: a fist before the chest has no outline, and one that is
         lost drags its neighbours along.
         """
-        trust = Trust(self.rooting.is_length)
-
-        def known(seen: np.ndarray) -> np.ndarray:
-            return np.concatenate([np.ones(len(held), bool), seen])
-
+        penalty, trust = MotionPenalty(under.acceleration, self.rate), Trust(self.rooting.is_length)
         damping = np.ones(len(rooted))
-        for _ in range(steps):
+        for _ in range(under.steps):
             # Step, and judge each frame by what it costs there.
             own = replace(contour, matrix=contour.matrix + trust.matrix(contour, damping))
-            step, motion_cost = self._step(held.followed_by(rooted), len(held), known(contour.observed), own, penalty)
+            step, motion_cost = self._step(held.followed_by(rooted), len(held), _known(held, contour), own, penalty)
             step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
             moved = self.rooting.stepped(rooted, step)
             there = self.linearise(frames, moved)
             places = self.points.at(held.followed_by(moved))
-            cost = there.cost + penalty.cost(places, known(there.observed))[len(held) :]
+            cost = there.cost + penalty.cost(places, _known(held, there))[len(held) :]
             taken = cost <= (contour.cost + motion_cost) * (1.0 + _NOISE)
             # Take the step where it helps, and damp the next one where it does not.
             taken |= ~contour.observed
@@ -175,6 +163,11 @@ class ClipProblem:
             return self.band.solved(moving, held, own), moving.terms.cost[held:]
         motion = penalty.around(*self.points.linearised(rooted), known).without_first(held)
         return (motion.band + own.matrix).solved(own.gradient + motion.gradient), motion.cost
+
+
+def _known(held: RootedPoses, contour: NormalEquations) -> np.ndarray:
+    """(frame,) bool: frames that are held, then those that show anything."""
+    return np.pad(contour.observed, (len(held), 0), constant_values=True)
 
 
 def _final_frames(observed: np.ndarray, overlap: int) -> int:

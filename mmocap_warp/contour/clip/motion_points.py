@@ -53,12 +53,10 @@ class MotionPoints:
                 derivative[:, number, ..., coordinate] = 1.0
                 continue
             joint, axis = divmod(coordinate - TRANSLATION, 3)
-            below = self.below[joint]
-            if self.slides[joint]:
-                derivative[:, number, below] = axes[:, joint, axis, None, None]
-                continue
-            arm = points[:, below] - centre[:, joint, None, None]
-            derivative[:, number, below] = np.cross(axes[:, joint, axis, None, None], arm)
+            below, moved = self.below[joint], axes[:, joint, axis, None, None]
+            if not self.slides[joint]:
+                moved = np.cross(moved, points[:, below] - centre[:, joint, None, None])
+            derivative[:, number, below] = moved
         by_point = derivative.reshape(frames, len(self.searched), joints * POINTS_A_JOINT, 3)
         return points.reshape(frames, -1, 3), np.moveaxis(by_point, 1, -1)
 

@@ -13,10 +13,11 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import input_errors
 from mmocap_warp.formats.usd.usd_result import read_result, write_result
-from mmocap_warp.result.result import STATUS, FrameAnswer, Result
+from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.streaming.senders import Packet
 from mmocap_warp.tracking.frame_loop import collect
 from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.tracker import lost_frame
 
 _KINDS = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}  # of a frame in the file
 
@@ -25,8 +26,7 @@ class GrowingResult:
     """Keeps the smoothed frames, as a sender does; when it is closed, the result is whole."""
 
     def __init__(self, path: Path, subject: Subject, rig: CameraRig, fps: float, config: TrackConfig) -> None:
-        nothing = np.full((1, len(rig)), np.nan)
-        start = FrameAnswer(subject.pose[None], nothing[:, 0], nothing, 0, STATUS.index("lost"), 0.0)
+        start = lost_frame(subject.pose[None], len(rig))
         begun = collect(subject, rig, fps, config, [start])  # all that is known before a frame comes
         write_result(path, begun := replace(begun, raw_pose=begun.pose))
         self._path, self._kind = path, _record(begun)

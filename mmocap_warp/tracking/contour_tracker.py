@@ -132,7 +132,7 @@ class ContourTracker:
             self.begin(observation)
         self._begun = None
         if not observation.foreground.any():
-            return lost_frame(self._state.pose.copy(), observation)
+            return lost_frame(self._state.pose.copy(), len(observation.foreground))
 
         # Find the best pose of each run.
         evaluations, rescued = 0, np.zeros(self._runs, bool)

@@ -36,7 +36,7 @@ from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.smoothing_beside import SmoothingBeside, SmoothingElsewhere, smoothing_beside
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.tracking.tracker import Tracker
+from mmocap_warp.tracking.tracker import Tracker, lost_frame
 from mmocap_warp.versions import versions
 
 if TYPE_CHECKING:
@@ -175,8 +175,7 @@ def track(
             observations = chain(tracked_observations(scene, begun, range(first, done)), observations)
         observations = with_holes(observations, scene.rate, lambda i: silhouettes_of(answers[first + i - 1].pose))
         if beside:
-            unknown = np.full((config.runs, len(rig)), np.nan)
-            blank = FrameAnswer(tracker.state.pose, unknown[:, 0], unknown, 0, STATUS.index("lost"), 0.0)
+            blank = lost_frame(tracker.state.pose, len(rig))
             room = collect(subject, rig, scene.fps, config, [blank] * scene.frame_count, scene.frames)
             beside.begin(room, config)
         _extend(answers, tracker, islice(observations, done - first, None), saved, progress, beside)

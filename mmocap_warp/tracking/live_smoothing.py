@@ -195,7 +195,7 @@ class _Smoother:
         for _ in range(self._expected, number):
             nothing = nothing_seen(observation)
             self._window.observe(nothing)
-            yield from self._window.add(lost_frame(self._last_pose, nothing))
+            yield from self._window.add(lost_frame(self._last_pose, len(nothing.foreground)))
         self._window.observe(observation)
         yield from self._window.add(answer)
         self._expected, self._last_pose = number + 1, answer.pose

@@ -61,21 +61,19 @@ class Tracker:
     @property
     def state(self) -> TrackState:
         """All that the next frame depends on."""
-        search = self.search
-        memory = tuple(array.numpy().copy() for array in search.memory)
-        return TrackState(search.best_pose.numpy().copy(), search.counter.numpy().copy(), memory)
+        memory = tuple(array.numpy().copy() for array in self.search.memory)
+        return TrackState(self.search.best_pose.numpy().copy(), self.search.counter.numpy().copy(), memory)
 
     @state.setter
     def state(self, state: TrackState) -> None:
-        search = self.search
-        search.best_pose.assign(state.pose)
-        search.counter.assign(state.counter)
-        search.remember(state.search_memory)
+        self.search.best_pose.assign(state.pose)
+        self.search.counter.assign(state.counter)
+        self.search.remember(state.search_memory)
 
     def step(self, observation: Observation) -> FrameAnswer:
         """Find the pose of the next frame. Without any foreground the frame is lost and keeps the last pose."""
         if not observation.foreground.any():
-            return lost_frame(self.search.best_pose.numpy().copy(), observation)
+            return lost_frame(self.search.best_pose.numpy().copy(), len(observation.foreground))
         search = self.search
         search.objective.observe(observation)
         started = time.perf_counter()
@@ -87,11 +85,10 @@ class Tracker:
         return FrameAnswer(pose, search.best_cost.numpy().copy(), iou, search.evaluations, status, seconds)
 
 
-def lost_frame(pose: np.ndarray, observation: Observation) -> FrameAnswer:
-    """The answer where nothing is seen: the last poses (run, coordinate)."""
-    runs, cameras = len(pose), len(observation.foreground)
-    nothing = np.full(runs, np.nan, np.float32)
-    return FrameAnswer(pose, nothing, np.full((runs, cameras), np.nan), 0, STATUS.index("lost"), 0.0)
+def lost_frame(pose: np.ndarray, cameras: int) -> FrameAnswer:
+    """The answer where so many cameras see nothing: the last poses (run, coordinate)."""
+    iou, cost = np.full((len(pose), cameras), np.nan), np.full(len(pose), np.nan, np.float32)
+    return FrameAnswer(pose, cost, iou, 0, STATUS.index("lost"), 0.0)
 
 
 def overlap(count: np.ndarray, observation: Observation) -> np.ndarray:

@@ -79,9 +79,7 @@ class ContourTracker:
         self._subject, self._fps, self._runs = subject, fps, config.runs
         self.device = resolve_device(config.device)
         searched_by = config.algorithm if config.polish else CONTOUR_TRACKERS[config.algorithm]
-        self.search = None
-        if searched_by is not None:
-            self.search = PoseSearch(subject, rig, config, ALGORITHMS[searched_by], abs(fps))
+        self.search = PoseSearch(subject, rig, config, ALGORITHMS[searched_by], abs(fps)) if searched_by else None
         self._starts = RecoveryStarts(subject, rig, config)
         candidates = config.runs * starts_per_run(config)
         self._fitter = make_fitter(subject, rig, config, candidates)
@@ -138,7 +136,7 @@ class ContourTracker:
         evaluations, rescued = 0, np.zeros(self._runs, bool)
         if self.search and self.config.polish:
             starts = self._searched(self.search, np.ones(self._runs, bool), observation)
-            answer, evaluations = self._best_fit(starts, observation, _STEPS_FAR), self.search.evaluations
+            answer, evaluations = self._best_fit(starts, observation), self.search.evaluations
         else:
             answer = self._best(_STARTS, observation)
             if self.search_interval == 1:
@@ -160,12 +158,10 @@ class ContourTracker:
         # Judge the answer by the frames before, then let it teach the frames after.
         lost = self._is_lost(answer)
         partial = self._state.doubt | (np.logical_not(observation.foreground.all()) & ~rescued)
-        status = np.where(rescued, STATUS.index("rescued"), STATUS.index("tracked"))
-        status = np.where(partial, STATUS.index("partial"), status)
-        status = np.where(lost, STATUS.index("lost"), status)
+        kinds = [STATUS.index(name) for name in ("lost", "partial", "rescued")]
+        status = np.select([lost, partial, rescued], kinds, STATUS.index("tracked"))
         self._state = self._state.followed_by(answer, lost)
-        seconds = time.perf_counter() - started
-        return FrameAnswer(answer.pose, answer.cost, answer.iou, evaluations, status, seconds)
+        return FrameAnswer(answer.pose, answer.cost, answer.iou, evaluations, status, time.perf_counter() - started)
 
     def _usual_starts(self) -> np.ndarray:
         """The last pose and where its motion leads (run, start, coordinate)."""
@@ -230,7 +226,8 @@ class ContourTracker:
         if self.search and wanted.any():
             places = [look.place if want else look.place[:0] for look, want in zip(looks, wanted, strict=True)]
             starts = self._starts.reaching(answer.pose, self.search.counter.numpy(), places)
-            other = self._most_covering(self._fitted(starts, observation, _STEPS_FAR), observation)
+            self._descend(starts, _STEPS_FAR)
+            other = self._most_covering(starts.shape[1], observation)
             # A limb is found where most of the area is covered then, and the overlap is as good.
             again = self._uncovered.of(other.pose, observation)
             left = self._state.excess(np.stack([look.area for look in again]), LARGEST_USUAL_AREA * size)
@@ -249,7 +246,7 @@ class ContourTracker:
         self, answer: Candidates, wanted: np.ndarray, starts: np.ndarray, observation: Observation
     ) -> tuple[Candidates, np.ndarray]:
         """Fit starts (run, start, coordinate); where they are wanted (run,) and better, take them: which (run,)."""
-        other = self._best_fit(starts, observation, _STEPS_FAR)
+        other = self._best_fit(starts, observation)
         better = wanted & (other.overlap > answer.overlap + _LEAST_GAIN)
         return other.where(better, answer), better
 
@@ -266,9 +263,9 @@ class ContourTracker:
         search.counter.assign(np.where(wanted, search.counter.numpy(), counter).astype(np.int32))
         return np.asarray(search.best_pose.numpy()[:, None].copy())
 
-    def _most_covering(self, fitted: Candidates, observation: Observation) -> Candidates:
-        """Of poses (run x start), each run's best by what it leaves uncovered, too, among those that overlap most."""
-        best = []
+    def _most_covering(self, count: int, observation: Observation) -> Candidates:
+        """As :meth:`_best`, by what a pose leaves uncovered, too, among those that overlap most."""
+        fitted, best = self._read(self._runs * count, observation), []
         for of_run in np.arange(len(fitted.pose)).reshape(self._runs, -1):
             likely = of_run[np.argsort(-fitted.overlap[of_run], kind="stable")[:_COMPARED]]
             left = np.array([look.area.sum() for look in self._uncovered.of(fitted.pose[likely], observation)])
@@ -276,9 +273,9 @@ class ContourTracker:
             best.append(likely[np.argmax(worth)])
         return fitted[np.array(best)]
 
-    def _best_fit(self, starts: np.ndarray, observation: Observation, steps: int) -> Candidates:
+    def _best_fit(self, starts: np.ndarray, observation: Observation) -> Candidates:
         """Fit starts (run, start, coordinate) by their contours: each run's best."""
-        self._descend(starts, steps)
+        self._descend(starts, _STEPS_FAR)
         return self._best(starts.shape[1], observation)
 
     def _best(self, count: int, observation: Observation) -> Candidates:
@@ -294,11 +291,6 @@ class ContourTracker:
         cost = tally[:, :, 0].sum(axis=1).reshape(starts.shape[:2])
         best = np.argsort(cost, axis=1, kind="stable")[:, :_PROMISING]
         return np.asarray(np.take_along_axis(pose.reshape(starts.shape), best[:, :, None], axis=1))
-
-    def _fitted(self, starts: np.ndarray, observation: Observation, steps: int) -> Candidates:
-        """The poses (run x start) that contours lead to from starts (run, start, coordinate)."""
-        self._descend(starts, steps)
-        return self._read(starts.shape[0] * starts.shape[1], observation)
 
     def _read(self, total: int, observation: Observation) -> Candidates:
         """The first poses that contours led to."""

@@ -61,12 +61,6 @@ def _again(scene: Scene, result: Result, positions: Sequence[int] | None) -> tup
     positions = range(len(result.frame_numbers)) if positions is None else positions
     tracked = result.pose if result.raw_pose is None else result.raw_pose
     poses = [result.subject.pose[None], *np.moveaxis(tracked, 1, 0)]
-    last_poses = (poses[position] for position in positions)
-    body: BodyMasks | None = None
-    if scene.foreground.keep == "nearest":
-        silhouettes_of = body_silhouettes(result.subject, result.cameras)
-
-        def body() -> ViewMasks:
-            return silhouettes_of(next(last_poses))
-
+    before = map(body_silhouettes(result.subject, result.cameras), (poses[position] for position in positions))
+    body = (lambda: next(before)) if scene.foreground.keep == "nearest" else None
     return scene.of_frames(as_range(result.frame_numbers[list(positions)].tolist())), scale, body

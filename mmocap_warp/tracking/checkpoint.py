@@ -37,7 +37,6 @@ _ANSWER = tuple(field.name for field in fields(FrameAnswer))
 _CODE = ("version", "code")
 """What an identity says of the program; the rest is of what the user gave."""
 
-
 Memory = Mapping[str, np.ndarray]
 """Arrays by name that the next frame depends on besides; see ``TrackState.memory``."""
 
@@ -263,16 +262,11 @@ def _refuse(path: Path, identity: Identity, theirs: Identity | None) -> NoReturn
     differing = [name for name in mine | theirs if mine.get(name) != theirs.get(name)]
     if set(differing) <= set(_CODE):
         begun, here = (f"{each.get('version')} (code {str(each.get('code'))[:8]})" for each in (theirs, mine))
-        raise InputError(
-            path,
-            f"the run was begun by mmocap-warp {begun}, this is {here}, whose results may differ",
-            "go back to that version, go on with --accept-changed-code, or start anew with --force",
-        )
-    raise InputError(
-        path,
-        f"the checkpoint is of a run that differs in its {', '.join(differing)}",
-        "repeat that run's flags and files, or start anew with --force",
-    )
+        problem = f"the run was begun by mmocap-warp {begun}, this is {here}, whose results may differ"
+        remedy = "go back to that version, go on with --accept-changed-code, or start anew with --force"
+        raise InputError(path, problem, remedy)
+    problem = f"the checkpoint is of a run that differs in its {', '.join(differing)}"
+    raise InputError(path, problem, "repeat that run's flags and files, or start anew with --force")
 
 
 def _memory_type(memory: Memory) -> np.dtype:
@@ -298,15 +292,14 @@ def _record_type(pose: np.ndarray, cameras: int) -> np.dtype:
     )
 
 
-def _checksum(record: np.void) -> int:
+def _checksum(record: np.void | np.ndarray) -> int:
     return zlib.crc32(record.tobytes()[: -np.dtype(np.uint32).itemsize])
 
 
 def _packed(kind: np.dtype, values: Mapping[str, Any]) -> bytes:
     """A record with its checksum."""
-    record = np.zeros(1, kind)[0]
+    record = np.zeros(1, kind)
     for name, value in values.items():
         record[name] = value
     record["checksum"] = _checksum(record)
-    packed: bytes = record.tobytes()
-    return packed
+    return record.tobytes()

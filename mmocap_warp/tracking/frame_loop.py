@@ -10,6 +10,7 @@ import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import chain, islice
 from math import ceil
 from pathlib import Path
@@ -40,7 +41,7 @@ from mmocap_warp.tracking.tracker import Tracker, lost_frame
 from mmocap_warp.versions import versions
 
 if TYPE_CHECKING:
-    from mmocap_warp.scene.recording import Scene, ViewMasks
+    from mmocap_warp.scene.recording import Scene
 
 FrameReport = Callable[[int, FrameAnswer], None]
 """Called after every frame with its position and answer."""
@@ -161,9 +162,8 @@ def track(
         del answers[scene.frame_count :]
 
         # Track the others. What is kept of masks with several people in them follows the body.
-        follows = scene.foreground.keep == "nearest"
         silhouettes_of, done = body_silhouettes(subject, rig), len(answers)
-        body = (lambda: silhouettes_of(tracker.state.pose)) if follows else None
+        body = (lambda: silhouettes_of(tracker.state.pose)) if scene.foreground.keep == "nearest" else None
         observations = kept.through(scene.observations(config.scale, first=done, body=body))
         if body is None:
             observations = read_ahead(observations)
@@ -252,26 +252,21 @@ def _finished(
     status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
     result = replace(result, status=status)
     raw = result.pose
-
-    def of_raw(place: int) -> ViewMasks:
-        return silhouettes_of(raw[:, place - 1])
-
+    seen = partial(shown, lambda place: silhouettes_of(raw[:, place - 1]))
     if config.acceleration:
         done = whole.of(result) if whole else None
-        result = done or smoothed(result, config, read_ahead(shown(of_raw)), progress)
+        result = done or smoothed(result, config, read_ahead(seen()), progress)
         gc.collect()  # what was smoothed holds itself, and with it the fields of a window
-    return with_evidence(result, config, read_ahead(shown(of_raw)))
+    return with_evidence(result, config, read_ahead(seen()))
 
 
 def check_start(scene: Scene, subject: Subject) -> None:
     """See that a subject's pose is that of the first frame, or raise InputError: elsewhere tracking starts wrong."""
     fitted = subject.provenance.get("fit.first_frame", 0)
     if fitted != scene.frames.start:
-        raise InputError(
-            scene.path,
-            f"the subject was fitted to frame {fitted}, but tracking begins with frame {scene.frames.start}",
-            f"start with --frames {fitted}:, or fit a subject with the same --frames and name it with --subject",
-        )
+        problem = f"the subject was fitted to frame {fitted}, but tracking begins with frame {scene.frames.start}"
+        remedy = f"start with --frames {fitted}:, or fit a subject with the same --frames and name it with --subject"
+        raise InputError(scene.path, problem, remedy)
 
 
 def track_observations(

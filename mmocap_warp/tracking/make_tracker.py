@@ -46,11 +46,8 @@ def _check_closed(subject: Subject, config: TrackConfig) -> None:
     """Contours wind around a body only where its mesh is closed."""
     if (config.fits_contours or config.acceleration) and not is_closed(subject.body.tracking_face):
         user = config.algorithm if config.algorithm in CONTOUR_TRACKERS else "polish" if config.polish else "smooth"
-        raise InputError(
-            subject.body.name,
-            f"its tracking mesh is not closed, which {user} needs",
-            "close the mesh, or use one of the paper's algorithms without polish and with smooth = 0",
-        )
+        remedy = "close the mesh, or use one of the paper's algorithms without polish and with smooth = 0"
+        raise InputError(subject.body.name, f"its tracking mesh is not closed, which {user} needs", remedy)
 
 
 def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> None:
@@ -72,12 +69,10 @@ def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: fl
 
     fitting = {"runs": most("runs", config.runs), "evaluations": most("evaluations", config.budget)}
     smaller = " or ".join(f"{name} = {value}" for name, value in fitting.items() if value)
-    raise InputError(
-        device,
-        f"{config.algorithm} with runs = {config.runs} and evaluations = {config.budget} takes "
-        f"about {need / _GB:,.1f} GB of memory, {free / _GB:,.1f} GB are free",
-        f"the most that fits is {smaller}" if smaller else "choose fewer runs, a smaller budget and a smaller scale",
-    )
+    asked = f"{config.algorithm} with runs = {config.runs} and evaluations = {config.budget}"
+    problem = f"{asked} takes about {need / _GB:,.1f} GB of memory, {free / _GB:,.1f} GB are free"
+    fits = f"the most that fits is {smaller}"
+    raise InputError(device, problem, fits if smaller else "choose fewer runs, a smaller budget and a smaller scale")
 
 
 def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> float:

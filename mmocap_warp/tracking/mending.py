@@ -86,8 +86,7 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
     free[max(own.start, ends[0] - margin) : min(own.stop, ends[1] + 1 + margin)] = True
     repeated = part.status == STATUS.index("repeated")
     status = np.where(free & ~repeated, STATUS.index("tracked"), part.status).astype(np.int8)
-    raw = replace(part, pose=pose, status=status)
-    done = smoothed(raw, config, seen, mending=Mending(~free, within))
+    done = smoothed(replace(part, pose=pose, status=status), config, seen, mending=Mending(~free, within))
     if result.view_shift is not None:
         done = with_evidence(done, config, seen)
     usual = np.nanmean(result.iou, axis=2)

@@ -32,14 +32,7 @@ from mmocap_warp.tracking.pins import Pins
 from mmocap_warp.tracking.recovery_starts import RecoveryStarts
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import overlap
-from mmocap_warp.tracking.uncovered import (
-    LASTING_AREA,
-    WIDE_SIGMA,
-    Uncovered,
-    UncoveredArea,
-    look_interval,
-    parts_in_doubt,
-)
+from mmocap_warp.tracking.uncovered import LASTING_AREA, Uncovered, UncoveredArea, look_interval, parts_in_doubt
 
 SmoothReport = Callable[[int], None]
 """Called with the number of frames that are final."""
@@ -49,6 +42,8 @@ _TRACKED, _PARTIAL, _LOST, _INTERPOLATED, _REPEATED = (
 )
 CANDIDATES = 32
 """Poses that are linearised at a time."""
+WIDE_SIGMA = 0.15
+"""Least standard deviation of a joint of a part in doubt, along each axis [m]."""
 _OBSERVED = 8  # frames whose masks a GPU makes fields of at a time
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
 _HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]
@@ -193,11 +188,10 @@ class _MaskWindow:
 
     def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> ViewEquations:
         """What each view's contours say about single frames of the window and about the body's parameters."""
-        only = np.zeros(1, int)
         each = []
         for i, frame in enumerate(frames):
             self._body_fitter.observe(0, self._held[frame % self._places])
-            each.append(self._body_fitter.linearise_views(only, rooted[i : i + 1]))
+            each.append(self._body_fitter.linearise_views(np.zeros(1, int), rooted[i : i + 1]))
         return each[0].followed_by(*each[1:])
 
     def judged(self, frame: int, pose: np.ndarray, moving: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -226,8 +220,7 @@ class _MaskWindow:
         self.reading += time.perf_counter() - started
         for frame, each in enumerate(observations, self._read):
             if each.holed is not None:
-                whole = (each.foreground > 0) & ~each.holed
-                self.holed[frame] = whole.sum() < _LEAST_WHOLE
+                self.holed[frame] = np.sum((each.foreground > 0) & ~each.holed) < _LEAST_WHOLE
         self._held[place : place + count] = observations
         self._fitter.observe_all(observations, place)
         self._read += count
@@ -257,15 +250,13 @@ class _RunSmoother:
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
         self._mending = mending
-        points = self._points = masks.points
         coordinates = [limb.coordinates for limb in limbs(skeleton)]
         from_rest = masks.pairs_from_rest if masks.pairs else None
-        backward = BackwardPass(
-            self._descend, self._linearise, self._rooting, points,
+        backward = None if mending else BackwardPass(
+            self._descend, self._linearise, self._rooting, masks.points,
             raw.rate, self._area_costs, coordinates, from_rest, lambda pose: mirrored(skeleton, pose), self,
         )  # fmt: skip
-        opinion = None if mending else backward
-        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, opinion, masks.band)
+        problem = ClipProblem(self._linearise, self._rooting, masks.points, raw.rate, backward, masks.band)
         acceleration = config.acceleration or ACCELERATION
         self.windows = problem.windows(self._course, coarse_then_fine(acceleration), self._shows, self._take)
 
@@ -307,9 +298,8 @@ class _RunSmoother:
             shown = self._finished + np.arange(len(window.rooted))
             contour = self._masks.linearise(shown, window.rooted, self._tracked[shown], self._neighbours(shown))
         error = uncertainty.misfit(contour, self._rooting.searched, self._usual_misfit)
-        sigma = uncertainty.combine(
-            self._noise.of(window), self._body.of(window), error, self._widest, self._usual_misfit
-        )
+        noise, body = self._noise.of(window), self._body.of(window)
+        sigma = uncertainty.combine(noise, body, error, self._widest, self._usual_misfit)
         if self._factors:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
             sigma.pose[:, :TRANSLATION] = sigma.joint[:, 0]  # the root's place
@@ -345,19 +335,15 @@ class _RunSmoother:
         return doubt
 
     def _linearise(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
-        """What the contours say about frames around poses. Frames that were lost say nothing."""
+        """What contours and pins say about frames around poses; of lost frames nothing, of held ones that they are."""
         self._known.base[frames], self._known.pose[frames] = rooted.base, rooted.pose
         contour = self._masks.linearise(frames, rooted, self._tracked[frames], self._neighbours(frames))
-        return self._with_mending(self._mending, frames, rooted, contour) if self._mending else contour
-
-    def _with_mending(
-        self, mending: Mending, frames: np.ndarray, rooted: RootedPoses, contour: NormalEquations
-    ) -> NormalEquations:
-        """What contours and pins say, or that a frame is held."""
-        contour = contour.plus(mending.pins.of(frames, rooted, self._points))
+        if not self._mending:
+            return contour
+        contour = contour.plus(self._mending.pins.of(frames, rooted, self._masks.points))
         held = NormalEquations(*map(np.zeros_like, vars(contour).values()))
         held.matrix[:] = _HELD_INFORMATION * np.eye(contour.matrix.shape[1])
-        return held.where(mending.held[frames], contour)
+        return held.where(self._mending.held[frames], contour)
 
     def _descend(self, frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
         """Poses that the contours of frames lead to from some, and what they cost (pose,)."""

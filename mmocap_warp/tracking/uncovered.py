@@ -44,8 +44,6 @@ LASTING_AREA = 0.002
 _FINAL_LASTING_AREA = 0.003  # the same, in the median of final looks: a torso that fits badly shows 0.0025 [m^2]
 LARGEST_USUAL_AREA = 0.01
 """More than this near a part is never usual [m^2]: it may be a limb that is wrong in all frames."""
-WIDE_SIGMA = 0.15
-"""Least standard deviation of a joint of a part in doubt, along each axis [m]."""
 _USUAL_SHARE = 0.2  # of all looks at a clip, those that show less uncovered area than usual
 _LASTING = 0.2  # seconds before and after a look, in the median of which area has to last
 _AROUND = 0.2  # seconds within which a limb is in doubt before and after it stands out

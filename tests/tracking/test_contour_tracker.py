@@ -16,8 +16,8 @@ from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.result.verdict import verdict
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.smoothing import WIDE_SIGMA
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.tracking.uncovered import WIDE_SIGMA
 
 RIG = ring_rig(cameras=4, size=(160, 120))  # a pixel is 25 mm wide
 SUBJECT = synthetic_subject()

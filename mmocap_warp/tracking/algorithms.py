@@ -39,8 +39,7 @@ class Algorithm:
             module = import_module(f"mmocap_warp.{module_name}")
             make = getattr(module, class_name)
             config = {"config": getattr(module, f"{class_name}Config")(**self.settings)} if self.settings else {}
-        optimizer: Optimizer = make(space, evaluations, **config, **partitions)
-        return optimizer
+        return make(space, evaluations, **config, **partitions)
 
 
 ALGORITHMS: dict[str, Algorithm] = {

@@ -73,11 +73,9 @@ def mirrored(skeleton: Skeleton, pose: np.ndarray) -> np.ndarray:
     for _, left, right in skeleton.pairs:
         for one, other in ((left, right), (right, left)):
             across = skeleton.frame[skeleton.index(one)].T @ _MIRROR @ skeleton.frame[skeleton.index(other)]
-            if skeleton.slides[skeleton.index(one)]:
-                exchanged[skeleton.angles(one)] = across @ pose[skeleton.angles(other)]
-                continue
-            turned = across @ zyx_rotation(pose[skeleton.angles(other)]) @ across.T
-            exchanged[skeleton.angles(one)] = zyx_angles(turned)
+            theirs, slides = pose[skeleton.angles(other)], skeleton.slides[skeleton.index(one)]
+            mine = across @ theirs if slides else zyx_angles(across @ zyx_rotation(theirs) @ across.T)
+            exchanged[skeleton.angles(one)] = mine
     low, high = skeleton.coordinate_limits.T
     return np.asarray(np.clip(exchanged, low, high))
 

@@ -36,8 +36,7 @@ class Pins:
 
     def of(self, frames: np.ndarray, rooted: RootedPoses, points: MotionPoints) -> NormalEquations:
         """What the pins say about frames by their positions, around poses; nothing where none are."""
-        place, derivative = points.linearised(rooted)
-        place, derivative = place[:, ::POINTS_A_JOINT], derivative[:, ::POINTS_A_JOINT]
+        place, derivative = (each[:, ::POINTS_A_JOINT] for each in points.linearised(rooted))
         dof = derivative.shape[-1]
         equations = NormalEquations(*(np.zeros((len(frames), *shape)) for shape in ((dof, dof), (dof,), ())))
         for row, frame in enumerate(frames.tolist()):

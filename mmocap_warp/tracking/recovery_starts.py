@@ -100,8 +100,7 @@ class RecoveryStarts:
         if skeleton.root_is_fixed:
             return self._bent(pose, counter)
         # One view may be wrong: points that all others see belong to the hull.
-        spacing = _VOXEL * self._subject.body.relative_size
-        hull = visual_hull(self._rig, observation, spacing=spacing, tolerate=1)
+        hull = visual_hull(self._rig, observation, spacing=_VOXEL * self._subject.body.relative_size, tolerate=1)
         up = upright_base(self._rig.up)
         if skeleton.stands:
             headings = 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS
@@ -110,9 +109,8 @@ class RecoveryStarts:
             turns = list(spread_rotations(_ROTATIONS))
         # The root's angles are those of the turned root, seen from the base that all frames share.
         frame, home = skeleton.frame[0].astype(float), self._subject.root_base
-        first = np.repeat(self._subject.pose[None], len(pose), axis=0)
         starts = []
-        for known in (pose.astype(float), first):
+        for known in (pose.astype(float), np.repeat(self._subject.pose[None], len(pose), axis=0)):
             for turn in turns:
                 turned = turn @ home @ frame @ zyx_rotation(known[:, ROOT_ANGLES])
                 start = known.copy()

@@ -13,7 +13,6 @@ from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGET, BUDGETS, CONTOUR
 
 _FLAT, _BY_PARTS = ([name for name, one in ALGORITHMS.items() if one.hierarchical == parts] for parts in (False, True))
 
-
 AS_GIVEN, REFINE = "as given", "refine"
 
 

@@ -3,9 +3,9 @@
 
 ``python instruments/public_rigs.py RIGS OUT``: RIGS is a folder that holds files of ``public_rigs.toml``, which says
 where each comes from. The table has, for each file that is there, how well the body's outline overlaps the file's own
-skin, the median error of its joints as a share of its length, and the overlap of the track with the masks. Joints that
-an import holds, such as fingers, bend in the truth all the same: what hangs on them is in the median over all joints,
-and not in that over those that are placed.
+skin, the median over its joints of their median errors as a share of its length, and the overlap of the track with the
+masks. Joints that an import holds, such as fingers, bend in the truth all the same: what hangs on them is in the median
+over all joints, and not in that over those that are placed.
 """
 
 from __future__ import annotations
@@ -65,10 +65,10 @@ def measured(rig: dict[str, Any], rigs: Path, out: Path, frames: int, seconds: f
         return row | {"refused": said}
     row |= {"overlap": tracked["mean_iou"], "trusted": tracked["verdict"]["trusted"]}
     _, judged, _ = run(["eval", result], 1, seconds)
-    placed = placed_joints(body)
-    median = statistics.median(mm for name, mm in judged["median_mm_by_joint"].items() if name in placed)
-    per_cent = 100 / 1000 / row["length"]
-    return row | {"error": per_cent * judged["median_joint_mm"], "placed": per_cent * median}
+    placed, per_cent = placed_joints(body), 100 / 1000 / row["length"]
+    medians = {name: per_cent * each["median_mm"] for name, each in judged["by_joint"].items()}
+    own = statistics.median(share for name, share in medians.items() if name in placed)
+    return row | {"error": statistics.median(medians.values()), "placed": own}
 
 
 def placed_joints(file: Path) -> set[str]:

@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from itertools import islice
+from itertools import chain, islice
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
@@ -260,9 +260,10 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     count, threads = task.at_a_time(_FITS)
     alone = replace(seen, threads=threads)
     fits = [frame, *(FrameFit(task.space, alone, patience) for _ in range(count - 1))]
-    guesses = sorted(by_turns(fits, FrameFit.polished, _headings(task, seen)), key=_cost)
+    kinds = [sorted(by_turns(fits, FrameFit.polished, begun), key=_cost) for begun in _headings(task, seen)]
+    guesses = sorted(chain(*kinds), key=_cost)
     task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)
-    finalists = guesses[: config.finalists]
+    finalists = [*chain(*(guesses[: config.finalists] for guesses in kinds))]
     rounds = [(1, frame.split_random()) for _ in finalists]
     finalists = sorted(by_turns(fits, FrameFit.with_limbs_found, finalists, *zip(*rounds, strict=True)), key=_cost)
     finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
@@ -326,18 +327,17 @@ def _verdict(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | i
     return {"fit.cost": best.cost, "fit.margin": others[name].cost - best.cost, "fit.alternative": name}
 
 
-def _headings(task: _Task, frame: FirstFrame) -> list[Guess]:
+def _headings(task: _Task, frame: FirstFrame) -> list[list[Guess]]:
     """A guess for each heading, or for each of the best ways to turn and bend a body that has no usual ones.
 
-    A body whose motions lead far from its rest pose may begin in any of their poses.
+    A body whose motions lead far from its rest pose may also begin in one of their poses: then there are both kinds.
 
     Where the body carries something, two for each heading, of its own size and scaled to the hull's: a racket held high
     makes the hull taller, not the person.
     """
     config, shapes, body, poses = task.config, ShapeSpace(task.body, task.rig.up), task.body, task.start_poses
     far = bool(body.skeleton.spread[~body.skeleton.is_attached].max() > _FAR)
-    if poses is None and far and not body.rigid and body.motion_poses is not None:
-        poses = np.concatenate([usual_poses(body.skeleton, False, config.seed), body.motion_poses])
+    kinds = []
     if poses is None and body.skeleton.stands and not body.rigid:
         sizes = (True, False) if body.skeleton.attached else (True,)
         starts = [standing_start(shapes, frame, scaled=scaled) for scaled in sizes]
@@ -346,10 +346,18 @@ def _headings(task: _Task, frame: FirstFrame) -> list[Guess]:
         spaces = [shapes, ShapeSpace(replace(body, skeleton=near), task.rig.up)][: 1 + far]
         spent = config.headings, config.evaluations * (_FAR_SHARE if far else 1)
         searched = [search_headings(space, frame, start, *spent) for space in spaces for start in starts]
-        candidates = np.concatenate(searched)
-    else:
-        begun = usual_poses(body.skeleton, body.rigid, config.seed) if poses is None else poses
-        screened = screened_starts(shapes, frame, subject_hull(body, frame), begun, config.headings)
-        candidates = search_starts(shapes, frame, screened, config.evaluations, near_rest=poses is None)
-    subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in candidates]
-    return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]
+        kinds.append(np.concatenate(searched))
+        poses = body.motion_poses if far else None
+    elif poses is None:
+        poses = usual_poses(body.skeleton, body.rigid, config.seed)
+    if poses is not None:
+        screened = screened_starts(shapes, frame, subject_hull(body, frame), poses, config.headings)
+        near_rest = not kinds and task.start_poses is None
+        kinds.append(search_starts(shapes, frame, screened, config.evaluations, near_rest=near_rest))
+    return [[_guess(task, shapes, coordinates) for coordinates in candidates] for candidates in kinds]
+
+
+def _guess(task: _Task, shapes: ShapeSpace, coordinates: np.ndarray) -> Guess:
+    """A candidate of a space (coordinate,) float32."""
+    subject = shapes.subject(coordinates.astype(np.float64), {})
+    return Guess(task.space.nearest(subject.body), subject.root_base, subject.pose)

@@ -228,12 +228,14 @@ class PlannedFrame:
 def planned(man, monkeypatch):
     """The first frame's best guess and its rivals, where four headings and what follows cost what is planned."""
 
-    def run(polished, limbs, swapped=None, anew=None, exchanged=None, **settings):
+    def run(polished, limbs, swapped=None, anew=None, exchanged=None, kinds=((0, 1, 2, 3),), **settings):
         base = [upright_base("+z") @ heading_rotation(turn * np.pi / 2) for turn in range(4)]
         poses = np.zeros((4, man.skeleton.coordinates))
         poses[:, 1] = range(4)
         guesses = [Guess(np.zeros(len(RestSpace(man).names)), *both) for both in zip(base, poses, strict=True)]
-        monkeypatch.setattr("mmocap_warp.fitting.subject_fit._headings", lambda *_: guesses)
+        monkeypatch.setattr(
+            "mmocap_warp.fitting.subject_fit._headings", lambda *_: [[guesses[i] for i in kind] for kind in kinds]
+        )
         monkeypatch.setattr("mmocap_warp.fitting.subject_fit.FrameFit", PlannedFrame)
         costs = {"polished": polished, "limbs": limbs, "swapped": swapped, "anew": anew, "exchanged": exchanged}
         for name, cost in costs.items():
@@ -248,6 +250,11 @@ def test_the_best_finalist_is_the_answer(planned):
     best, _ = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.15, 3: 0.05}, finalists=2)
     assert best.pose[1] == 0
     assert best.cost == 0.11  # the last heading was no finalist
+
+
+def test_each_kind_of_start_has_its_finalists(planned):
+    best, _ = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {1: 0.15, 2: 0.05, 3: 0.2}, kinds=((0, 1), (2, 3)), finalists=1)
+    assert best.pose[1] == 2
 
 
 def test_the_margin_is_how_far_the_next_explanation_is_behind(planned):
@@ -366,11 +373,13 @@ def test_who_may_begin_far_from_rest_is_also_searched_near_to_it(walk, man, monk
 
 
 @pytest.mark.parametrize(
-    ("spread", "rigid", "begun", "near_rest"),
-    [(2, False, 3, False), (2, True, 49, True), (1, False, 0, None)],
+    ("spread", "rigid", "begun", "near_rest", "kinds"),
+    [(2, False, 2, False, 2), (2, True, 49, True, 1), (1, False, 0, None, 1)],
     ids=["far", "rigid", "near"],
 )
-def test_a_body_whose_motions_lead_far_begins_in_their_poses(man, monkeypatch, spread, rigid, begun, near_rest):
+def test_a_body_whose_motions_lead_far_also_begins_in_their_poses(
+    man, monkeypatch, spread, rigid, begun, near_rest, kinds
+):
     asked = []
 
     def screened(shapes, frame, hull, poses, most):
@@ -391,7 +400,7 @@ def test_a_body_whose_motions_lead_far_begins_in_their_poses(man, monkeypatch, s
         replace(man.skeleton, spread=spread * man.skeleton.spread),
     )
     moved = replace(man, motion_poses=poses, skeleton=skeleton, rigid=rigid)
-    assert len(_headings(_Task(moved, SimpleNamespace(up="+y"), QUICK, lambda *_: None), None)) == 1
+    assert len(_headings(_Task(moved, SimpleNamespace(up="+y"), QUICK, lambda *_: None), None)) == kinds
     assert asked == ([begun, near_rest] if begun else [])
 
 

@@ -70,6 +70,7 @@ _SAME_PLACE = 0.1  # joints that are nearer to each other are in the same place 
 _MEETING_SHARE = 0.25  # of a clip's frames: two ways to see the first one that are apart in fewer are one
 _NEAR, _FAR = 0.2, 0.4  # spreads of joints that begin near rest, and of a person's farthest: others begin far [rad]
 _FAR_SHARE = 3  # times as many evaluations as usual find joints that begin far
+_LYING_SHARE = 2  # times as many starts as usual find how a body lies that may lie any way
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
 _LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
 _MOST_PARTS, _PART_SECONDS, _SPAN_SECONDS = 3, 4.0, 24.0  # parts at most; recording [s] for each; in which they begin
@@ -335,10 +336,16 @@ def _headings(task: _Task, frame: FirstFrame) -> list[list[Guess]]:
     Where the body carries something, two for each heading, of its own size and scaled to the hull's: a racket held high
     makes the hull taller, not the person.
     """
-    config, shapes, body, poses = task.config, ShapeSpace(task.body, task.rig.up), task.body, task.start_poses
+    config, shapes, body, given = task.config, ShapeSpace(task.body, task.rig.up), task.body, task.start_poses
     far = bool(body.skeleton.spread[~body.skeleton.is_attached].max() > _FAR)
-    kinds = []
-    if poses is None and body.skeleton.stands and not body.rigid:
+
+    def turned_about(poses: np.ndarray, most: int, near_rest: bool) -> np.ndarray:
+        starts = screened_starts(shapes, frame, subject_hull(body, frame), poses, most)
+        return search_starts(shapes, frame, starts, config.evaluations, near_rest=near_rest)
+
+    if given is not None:
+        kinds = [turned_about(given, config.headings, False)]
+    elif body.skeleton.stands and not body.rigid:
         sizes = (True, False) if body.skeleton.attached else (True,)
         starts = [standing_start(shapes, frame, scaled=scaled) for scaled in sizes]
         # Where joints may begin far from the rest pose, more is spent, and all are also searched near to it.
@@ -346,14 +353,12 @@ def _headings(task: _Task, frame: FirstFrame) -> list[list[Guess]]:
         spaces = [shapes, ShapeSpace(replace(body, skeleton=near), task.rig.up)][: 1 + far]
         spent = config.headings, config.evaluations * (_FAR_SHARE if far else 1)
         searched = [search_headings(space, frame, start, *spent) for space in spaces for start in starts]
-        kinds.append(np.concatenate(searched))
-        poses = body.motion_poses if far else None
-    elif poses is None:
-        poses = usual_poses(body.skeleton, body.rigid, config.seed)
-    if poses is not None:
-        screened = screened_starts(shapes, frame, subject_hull(body, frame), poses, config.headings)
-        near_rest = not kinds and task.start_poses is None
-        kinds.append(search_starts(shapes, frame, screened, config.evaluations, near_rest=near_rest))
+        kinds = [np.concatenate(searched)]
+    else:
+        most = config.headings * (1 if body.skeleton.stands else _LYING_SHARE)
+        kinds = [turned_about(usual_poses(body.skeleton, body.rigid, config.seed), most, True)]
+    if given is None and far and not body.rigid and body.motion_poses is not None:
+        kinds.append(turned_about(body.motion_poses, config.headings, False))
     return [[_guess(task, shapes, coordinates) for coordinates in candidates] for candidates in kinds]
 
 

@@ -373,35 +373,37 @@ def test_who_may_begin_far_from_rest_is_also_searched_near_to_it(walk, man, monk
 
 
 @pytest.mark.parametrize(
-    ("spread", "rigid", "begun", "near_rest", "kinds"),
-    [(2, False, 2, False, 2), (2, True, 49, True, 1), (1, False, 0, None, 1)],
-    ids=["far", "rigid", "near"],
+    ("changes", "stands", "begun", "kinds"),
+    [
+        ({}, True, [(2, 1, False)], 2),
+        ({}, False, [(1, 2, True), (2, 1, False)], 2),  # twice as many starts
+        ({"rigid": True}, True, [(49, 1, True)], 1),
+        ({"motion_poses": None}, True, [], 1),
+    ],
+    ids=["standing", "lying", "rigid", "without"],
 )
-def test_a_body_whose_motions_lead_far_also_begins_in_their_poses(
-    man, monkeypatch, spread, rigid, begun, near_rest, kinds
-):
+def test_a_body_whose_motions_lead_far_also_begins_in_their_poses(man, monkeypatch, changes, stands, begun, kinds):
     asked = []
 
     def screened(shapes, frame, hull, poses, most):
-        asked.append(len(poses))
+        asked.append((len(poses), most / QUICK.headings))
         return np.zeros((1, len(shapes)), np.float32)
 
-    def search(shapes, frame, starts, evaluations, *, near_rest=None):
-        asked.append(near_rest)
-        return starts.astype(np.float32)
+    def search(shapes, frame, starts, evaluations, *, near_rest):
+        asked[-1] += (near_rest,)
+        return starts
 
-    for name, stand_in in (("screened_starts", screened), ("search_starts", search)):
-        monkeypatch.setattr(f"mmocap_warp.fitting.subject_fit.{name}", stand_in)
-    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.subject_hull", lambda *_: None)
-    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.standing_start", lambda space, *_, **__: np.zeros(len(space)))
-    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.search_headings", lambda space, _, start, *__: start[None])
-    poses, skeleton = (
-        np.zeros((2, man.skeleton.coordinates)),
-        replace(man.skeleton, spread=spread * man.skeleton.spread),
-    )
-    moved = replace(man, motion_poses=poses, skeleton=skeleton, rigid=rigid)
+    module = "mmocap_warp.fitting.subject_fit"
+    monkeypatch.setattr(f"{module}.screened_starts", screened)
+    monkeypatch.setattr(f"{module}.search_starts", search)
+    monkeypatch.setattr(f"{module}.subject_hull", lambda *_: None)
+    monkeypatch.setattr(f"{module}.standing_start", lambda space, *_, **__: np.zeros(len(space)))
+    monkeypatch.setattr(f"{module}.search_headings", lambda space, _, start, *__: start[None])
+    skeleton = replace(man.skeleton, spread=2 * man.skeleton.spread, stands=stands)
+    poses = np.zeros((2, skeleton.coordinates))
+    moved = replace(man, **{"motion_poses": poses, "skeleton": skeleton} | changes)
     assert len(_headings(_Task(moved, SimpleNamespace(up="+y"), QUICK, lambda *_: None), None)) == kinds
-    assert asked == ([begun, near_rest] if begun else [])
+    assert asked == begun
 
 
 @pytest.mark.parametrize(("poses", "near_rest"), [(None, True), ("given", False)])

@@ -308,7 +308,7 @@ _PARTS = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)
 def _node_motions(
     document: _Document, nodes: list[dict[str, Any]], above: list[int], joints: list[int]
 ) -> tuple[dict[str, rigged_mesh.RiggedMotion], list[str]]:
-    """Each animation that moves joints, by its name, and notes on those that are too long to be read.
+    """Each animation that moves joints, by its name, and notes on those that are too long to be read whole.
 
     An animation without keys is left out, and so are those of other characters.
     """
@@ -327,10 +327,13 @@ def _node_motions(
         if not channels:
             continue
         name = str(animation.get("name") or f"animation{number}")
-        last = max(float(time[-1]) for *_, time, _ in channels)
-        if not 0 <= last * _FPS * len(nodes) < _MAX_TRANSFORMS:
+        last, longest = max(float(time[-1]) for *_, time, _ in channels), _MAX_TRANSFORMS / _FPS / len(nodes)
+        if not 0 <= last < np.inf:
             notes.append(f"motion {name} lasts {last:g} s: left out")
             continue
+        if last > longest:
+            notes.append(f"motion {name} lasts {last:g} s: its first {longest:.3g} s are taken")
+            last = longest
         # What its channels move at even times; the rest of each node is as the file has it.
         when = np.arange(round(last * _FPS) + 1) / _FPS
         moved: dict[int, dict[str, np.ndarray]] = {}

@@ -111,6 +111,20 @@ def test_of_keys_at_one_time_the_last_counts(tmp_path: Path) -> None:
     np.testing.assert_allclose(turned, np.sin(np.radians(30)), atol=1e-6)
 
 
+@pytest.mark.parametrize(("last", "frames"), [(0.5, 31), (1e6, 58), (np.inf, 0), (np.nan, 0), (-1.0, 0)])
+def test_of_a_long_animation_the_beginning_is_taken(
+    tmp_path: Path, last: float, frames: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nodes = 11
+    monkeypatch.setattr("mmocap_warp.formats.rigged.gltf._MAX_TRANSFORMS", 57 * nodes)
+    file = write_creature(tmp_path / "creature.glb")
+    data, time = file.read_bytes(), np.array([0.0, 0.5], np.float32)
+    file.write_bytes(data.replace(time.tobytes(), np.array([0.0, last], np.float32).tobytes()))
+    read = read_gltf(file)
+    assert [len(motion.world) for motion in read.motions.values()] == ([frames] if frames else [])
+    assert len([note for note in read.notes if "lasts" in note]) == (frames != 31)
+
+
 def test_parts_without_a_skin_that_never_move_by_themselves_are_no_joints(tmp_path: Path) -> None:
     file = write_creature(tmp_path / "plain.glb")
     size = int.from_bytes(file.read_bytes()[12:16], "little")

@@ -51,6 +51,9 @@ if not _has_gltf_validator():  # likewise
 if not importlib.util.find_spec("rerun"):  # 170 MB for one file format
     collect_ignore.append("instruments/test_rerun_file.py")
 
+if not importlib.util.find_spec("meshoptimizer"):  # which has to be compiled
+    collect_ignore.append("formats/rigged/test_meshopt.py")
+
 LONGEST = (
     "cli/test_pipeline.py",
     "calibration/test_refine.py",
@@ -115,11 +118,12 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_report_header() -> str:
-    """Which browser shows the pages, and whether glTF is validated and Rerun's files are read."""
+    """Which browser shows the pages, and whether glTF is validated, and files of Rerun and of meshopt are read."""
     browser = find_browser() or "none found, so no page is shown in one"
     validator = "not found" if "formats/exports/test_gltf_validator.py" in collect_ignore else "found"
     rerun = "not found" if "instruments/test_rerun_file.py" in collect_ignore else "found"
-    return f"browser: {browser}; glTF-Validator: {validator}; Rerun: {rerun}"
+    meshopt = "not found" if "formats/rigged/test_meshopt.py" in collect_ignore else "found"
+    return f"browser: {browser}; glTF-Validator: {validator}; Rerun: {rerun}; meshoptimizer: {meshopt}"
 
 
 def devices() -> list[str]:

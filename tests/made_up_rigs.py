@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,18 @@ def write_creature(path: Path, scale: float = 1.0, **changes: Any) -> Path:
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
     path.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
     return path
+
+
+def rewritten(file: Path, change: Callable[[dict[str, Any], bytes], bytes]) -> Path:
+    """A ``.glb`` whose JSON was changed in place, with the binary chunk that the change returns."""
+    data = file.read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    document, binary = json.loads(data[20 : 20 + size]), data[28 + size :]
+    binary = change(document, binary)
+    text = json.dumps(document).encode()
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
+    file.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
+    return file
 
 
 ROBOT = """\

@@ -98,8 +98,7 @@ def _steps(plan: Plan, load: Workload) -> Steps:
 
 def _compiled_kernels() -> set[str]:
     """Names of what Warp's kernel cache holds."""
-    folder = Path(wp.config.kernel_cache_dir or "")
-    return {path.name for path in folder.glob("**/wp_*") if path.is_dir()}
+    return {path.name for path in Path(wp.config.kernel_cache_dir or "").glob("**/wp_*") if path.is_dir()}
 
 
 def _machine_load() -> float | None:

@@ -98,8 +98,7 @@ class Measures:
     @cached_property
     def shown(self) -> RunMeasures:
         """The best of the runs that were measured."""
-        by_number = {run.run: run for run in self.runs}
-        return by_number.get(self.result.best_run, self.runs[0])
+        return {run.run: run for run in self.runs}.get(self.result.best_run, self.runs[0])
 
     @cached_property
     def lengths(self) -> dict[str, Length]:

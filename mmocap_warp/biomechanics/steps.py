@@ -178,8 +178,7 @@ def walking(
             distance = float(np.linalg.norm(way))
             length = float(reach @ way) / distance if distance >= _LEAST_WAY else np.nan
             steps.append(Step(side, frame, float(seconds[frame] - seconds[before]), length))
-    strides = [each for side, foot in feet.items() for each in _strides(side, foot, heel[side], seconds)]
-    return Walking(steps, strides)
+    return Walking(steps, [each for side, foot in feet.items() for each in _strides(side, foot, heel[side], seconds)])
 
 
 def _strides(side: str, foot: Foot, heel: np.ndarray, seconds: np.ndarray) -> Iterator[Stride]:

@@ -168,8 +168,7 @@ def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | Non
         lines.append(f"{picture}: corners, and residuals 50 times longer, in {len(rig)} views")
     scene = videos[0] if len(videos) == 1 else Path("scene.toml")
     lines.append(f"next: set calibration under [cameras] of the person's scene, then {next_step('cameras', scene)}")
-    values = {"calibration": output, "picture": picture, "up": rig.up, "cameras": cameras}
-    return Answer(values, lines)
+    return Answer({"calibration": output, "picture": picture, "up": rig.up, "cameras": cameras}, lines)
 
 
 @app.command(help=COMMANDS["calib print-board"]["help"], sort_key=5)

@@ -49,8 +49,7 @@ def track(
     loaded = with_masks(loaded, console, effective(TrackConfig, loaded.settings("track"), given(settings)))
     track_one = partial(_track, call, console, whole=whole, force=force, settings=settings)
     if people := everybody(loaded, person):
-        goes_on = resume or (whole and not force)
-        tracked, problems = track_each(loaded, output, track_one, console, goes_on, force)
+        tracked, problems = track_each(loaded, output, track_one, console, resume or (whole and not force), force)
         # What is said of each is said of the result that was written last.
         reports = {
             name: partial(_report, console, loaded.of_person(name), file_of(output, name), result)
@@ -191,8 +190,7 @@ def evaluate(call: Any, console: Console, result: Path, joint_set: str) -> Answe
         good = report["verdict"]["holds"] and report.get("other_world") is None
         step = report["verdict"]["next"]
         by_joint = [] if joint_set == "rig" or "by_joint" not in report else [_by_joint(report["by_joint"])]
-        lines = [summary(report), *by_joint, *([f"next: {step}"] if step else [])]
-        return Answer(report, lines, checked(good))
+        return Answer(report, [summary(report), *by_joint, *([f"next: {step}"] if step else [])], checked(good))
 
     people = {name: partial(evaluate_one, file) for name, file in results_in(result).items()}
     return answer_of_each(console, people) if people else evaluate_one(result)

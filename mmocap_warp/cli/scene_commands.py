@@ -55,8 +55,7 @@ def init(call: Any, folder: Path) -> Answer:
 def mask(call: Any, scale: float) -> Answer:
     masks = call()
     report, good = masks.report, masks.remedy is None
-    options = _scale_options(masks.recording) if scale == 1 else ()
-    step = _track_step(masks.scene, masks.source.parent, *options)
+    step = _track_step(masks.scene, masks.source.parent, *(_scale_options(masks.recording) if scale == 1 else ()))
     made = masks.consistency
     changes = {} if made is None else {"filled_px": made.filled, "cut_px": made.cut}
     views = {

@@ -154,5 +154,4 @@ def bench(call: Any, compare: Path | None) -> Answer:
 
     old = None if compare is None else read_report(compare)
     report = call()
-    text = to_text(rendered(report, old), colours=sys.stdout.isatty())
-    return Answer(report, [text], checked(report["ok"]))
+    return Answer(report, [to_text(rendered(report, old), colours=sys.stdout.isatty())], checked(report["ok"]))

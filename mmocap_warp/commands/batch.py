@@ -272,8 +272,7 @@ def batch(
     for name, problem in failures.items():
         reporter.warn(f"{name}: given up: {problem}")
 
-    heard = show or (lambda status: None)
-    status = run_jobs([*people, *trials], start, heard, reporter.warn, seconds)
+    status = run_jobs([*people, *trials], start, show or (lambda status: None), reporter.warn, seconds)
     failures |= {task.job.name: status.failures[task.name] for task in trials if task.name in status.failures}
     done = [task.check() for task in trials if task.name not in failures]
     page = folder / "index.html"

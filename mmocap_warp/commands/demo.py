@@ -102,8 +102,7 @@ def _walk(folder: Path, paper: bool, reporter: Reporter) -> Demo:
 def _made_example(name: str, folder: Path, reporter: Reporter) -> Demo:
     """Make a scene of another body, and track it from its true first pose."""
     body, motion, cameras = EXAMPLES[name]
-    place = folder / f"{name}-scene"
-    made = synthesize(body, place, motion=motion, cameras=cameras, force=True, reporter=reporter)
+    made = synthesize(body, folder / f"{name}-scene", motion=motion, cameras=cameras, force=True, reporter=reporter)
     scene, skin = load_scene(made.scene), made.recording.body.skin
     report, files = _tracked(scene, folder, name, reporter)
     size = float(np.ptp(skin.rest[np.unique(skin.face)], axis=0).max())

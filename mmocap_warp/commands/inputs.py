@@ -255,8 +255,7 @@ def look_first(
 
     looked = look(scene, body, start=start, to_be_mended=to_be_mended)
     if looked.problem is not None and not (trust or scene.has_others):  # then views may differ in what they show
-        remedy = f"{looked.remedy}; or go on with --trust-cameras"
-        raise InputError(scene.path, looked.problem, remedy)
+        raise InputError(scene.path, looked.problem, f"{looked.remedy}; or go on with --trust-cameras")
     despite = "is trusted" if trust else "what is in front of the subject may be why"
     for doubt in (*looked.doubts, *([f"{looked.problem}, and {despite}"] if looked.problem else [])):
         reporter.note(f"cameras: {doubt}")

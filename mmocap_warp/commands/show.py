@@ -110,8 +110,7 @@ def show(
 
 
 def _judged(result: Result, scene: Scene | None) -> dict[str, Any]:
-    judged = verdict(result, None if scene is None else scene.path)
-    return {"iou_by_camera": iou_by_camera(result), "verdict": judged}
+    return {"iou_by_camera": iou_by_camera(result), "verdict": verdict(result, None if scene is None else scene.path)}
 
 
 def _with_people(result: Any, beside: Sequence[str | Path] | None) -> list[Any]:

@@ -146,8 +146,7 @@ class _Views:
 
 def _depths(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
     """(camera,) depth of the subject in each camera [m]."""
-    subject = meeting_point(rig, masks)
-    return np.asarray((rig.R @ subject + rig.t)[:, 2])
+    return np.asarray((rig.R @ meeting_point(rig, masks) + rig.t)[:, 2])
 
 
 def _resized(mask: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -160,8 +160,7 @@ def _votes(rig: CameraRig, masks: list[np.ndarray], subject: np.ndarray) -> tupl
 
 def _hull_of(hit: np.ndarray, possible: np.ndarray, views: list[int]) -> np.ndarray:
     """(voxel,) bool: the hull of some views; two must see a voxel, and none may see background there."""
-    enough = hit[views].sum(axis=0) >= min(2, len(views))
-    return possible[views].all(axis=0) & enough
+    return possible[views].all(axis=0) & (hit[views].sum(axis=0) >= min(2, len(views)))
 
 
 def _median(values: np.ndarray) -> float:

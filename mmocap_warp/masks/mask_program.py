@@ -149,8 +149,7 @@ def _mediapipe(note: Callable[[str], None]) -> MaskProgram:
     offline = (uv, "run", "--quiet", "--offline", "--script", str(MEDIAPIPE_SCRIPT))
     if subprocess.run(offline, capture_output=True, env=environment).returncode:
         note("uv installs MediaPipe 0.10.14 with its weights (Apache-2.0) into its cache: about 200 MB, once")
-        online = [word for word in offline if word != "--offline"]
-        done = subprocess.run(online, capture_output=True, env=environment)
+        done = subprocess.run([word for word in offline if word != "--offline"], capture_output=True, env=environment)
         if done.returncode:
             said = done.stderr.decode("utf-8", "replace").strip()[-_LAST_WORDS:]
             raise InputError("--with mediapipe", f"uv cannot install it: {said}", f"connect to the network, {manual}")

@@ -253,5 +253,4 @@ def hull_thickness(
         hit = masks[j].ravel()[np.where(inside, row * width + column, 0).astype(np.int32)] & inside
         agree += hit
         misses += inside & ~hit
-    count = ((misses <= tolerate) & (agree >= least)).sum(axis=1)
-    return count * _STEP * np.linalg.norm(rays, axis=1)
+    return ((misses <= tolerate) & (agree >= least)).sum(axis=1) * _STEP * np.linalg.norm(rays, axis=1)

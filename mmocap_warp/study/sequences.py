@@ -166,8 +166,7 @@ def study_rig() -> CameraRig:
     """HumanEva's ring: three colour and four grey cameras around the origin, as pinholes. The world has +Z up."""
     placed = [placed_camera(*(*place, _SIZE)) for place in _CAMERAS.values()]
     K, R, t = (np.array(each).round(_DIGITS) for each in zip(*placed, strict=True))
-    sizes = np.tile(_SIZE, (len(_CAMERAS), 1))
-    return CameraRig(tuple(_CAMERAS), K, R, t, sizes, np.zeros((len(_CAMERAS), 5)), "+z")
+    return CameraRig(tuple(_CAMERAS), K, R, t, np.tile(_SIZE, (len(_CAMERAS), 1)), np.zeros((len(_CAMERAS), 5)), "+z")
 
 
 def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.ndarray]:

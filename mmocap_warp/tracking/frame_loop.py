@@ -176,8 +176,7 @@ def track(
         observations = with_holes(observations, scene.rate, lambda i: silhouettes_of(answers[first + i - 1].pose))
         if beside:
             blank = lost_frame(tracker.state.pose, len(rig))
-            room = collect(subject, rig, scene.fps, config, [blank] * scene.frame_count, scene.frames)
-            beside.begin(room, config)
+            beside.begin(collect(subject, rig, scene.fps, config, [blank] * scene.frame_count, scene.frames), config)
         _extend(answers, tracker, islice(observations, done - first, None), saved, progress, beside)
         result = collect(subject, rig, scene.fps, config, answers, scene.frames)
         complete = len(kept) == len(answers)

@@ -156,8 +156,7 @@ class _SpanSearch:
                 answers[number] = self._followed(answers[number], there[number], f, at_anchors[f], further)
 
         # Each frame takes the answer with which all frames together cost least.
-        frames = np.arange(len(pose))
-        costs = np.stack([self._costs(frames, poses) for poses in answers])
+        costs = np.stack([self._costs(np.arange(len(pose)), poses) for poses in answers])
         scale = costs[0, :, 0].sum() / max(costs[0, :, 1].sum(), 1e-6)
         cost = costs[..., 0] + scale * costs[..., 1]
         if pinned:  # what was known is not asked from the first click to the last

@@ -77,8 +77,7 @@ class PoseSearch(Search):
         self.device = resolve_device(config.device)
         runs = config.runs
         # Each run has a random stream of its own, so that it is as it would be alone.
-        seeds = np.arange(config.seed, config.seed + runs)
-        seed = wp.array(seeds, dtype=wp.int32, device=self.device)
+        seed = wp.array(np.arange(config.seed, config.seed + runs), dtype=wp.int32, device=self.device)
         self.counter = wp.zeros(runs, dtype=wp.int32, device=self.device)
         optimizers = _optimizers(algorithm, subject.body.skeleton, config, config.radii(fps), seed, self.counter)
         candidates = runs * max(optimizer.particles for optimizer in optimizers)

@@ -94,8 +94,7 @@ def smoothed(
         final = np.arange(done, done + windows[0].final)
         cost[:, final], iou[:, final] = raw.cost[:, final], raw.iou[:, final]
         for frame in final[raw.status[0, final] != _REPEATED].tolist():
-            poses = np.stack([run.pose[frame] for run in runs])
-            cost[:, frame], iou[:, frame] = masks.judged(frame, poses)
+            cost[:, frame], iou[:, frame] = masks.judged(frame, np.stack([run.pose[frame] for run in runs]))
             for run, overlaps in zip(runs, iou, strict=True):
                 run.look(frame, overlaps)
         done += windows[0].final
@@ -168,8 +167,7 @@ class _MaskWindow:
     def read_until(self, end: int) -> None:
         """Read the frames up to one, each into the place of the oldest."""
         while self._read < end:
-            to_end = self._places - self._read % self._places
-            self._observe(min(_OBSERVED, to_end, end - self._read))
+            self._observe(min(_OBSERVED, self._places - self._read % self._places, end - self._read))
 
     def descend(self, frames: np.ndarray, begin: RootedPoses, neighbours: Neighbours) -> tuple[RootedPoses, np.ndarray]:
         """Poses that the contours of frames of the window lead to from some, and what they cost (pose,)."""

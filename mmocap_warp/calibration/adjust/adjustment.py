@@ -106,8 +106,7 @@ class Adjustment:
         if not sigma.any() or not observations:
             return none
         # The solution is taken only where the silhouettes' hulls agree better with it.
-        seen = landmarks(self.given, observations)
-        solution = LandmarkProblem(self.given, seen, self.footage.fps, sigma).solve()
+        solution = LandmarkProblem(self.given, landmarks(self.given, observations), self.footage.fps, sigma).solve()
         some = observations[:: max(1, len(observations) // _COHERENCE_FRAMES)]
         before, after = (np.nanmean(coherence(changed(self.given, each), some)) for each in (none, solution))
         return solution if after > before + _MIN_COHERENCE_GAIN else none

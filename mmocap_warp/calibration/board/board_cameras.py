@@ -285,8 +285,7 @@ def _first_places(
         place[j] = np.vstack([steps[np.argmin(np.median(apart, axis=1))], [0, 0, 0, 1]]) @ place[i]
         reached.append(j)
     first = seen.argmax(axis=0)  # the camera that places the board of a frame
-    boards = np.linalg.inv(place[first]) @ alone[first, np.arange(len(first))]
-    return _vectors(place), _vectors(boards)
+    return _vectors(place), _vectors(np.linalg.inv(place[first]) @ alone[first, np.arange(len(first))])
 
 
 def _matrices(vectors: np.ndarray) -> np.ndarray:

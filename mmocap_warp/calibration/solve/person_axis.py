@@ -96,8 +96,7 @@ def _up_direction(axes: np.ndarray, silhouettes: list[np.ndarray]) -> np.ndarray
 def _end_width(pixels: np.ndarray, way: np.ndarray) -> float:
     """Standard deviation across a way, of a silhouette's pixels at the end that lies there [px]."""
     along, across = pixels @ way, pixels @ [-way[1], way[0]]
-    end = along > along.max() - _END_SHARE * np.ptp(along)
-    return float(across[end].std())
+    return float(across[along > along.max() - _END_SHARE * np.ptp(along)].std())
 
 
 def _axis(pixels: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.formats.rigged import rigged_mesh
+from mmocap_warp.formats.rigged import compressed, rigged_mesh
 from mmocap_warp.whole_file import read_bytes
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -58,9 +58,11 @@ class _Document:
             text = data
         self.json = json.loads(text)
         # A file that needs what is not read here is refused.
-        required = [name for name in self.json.get("extensionsRequired", []) if not _READABLE.match(name)]
-        if required:
-            raise InputError(path, f"needs the glTF extension {required[0]}, which is not read", _REMEDY)
+        for name in self.json.get("extensionsRequired", []):
+            if not _READABLE.match(name) and not compressed.has_decoder(name):
+                problem = f"needs the glTF extension {name}, which is not read"
+                decoder = compressed.DECODERS.get(name)
+                raise InputError(path, problem, f"pip install {decoder}" if decoder else _REMEDY)
         # The buffers: the binary chunk, text within the JSON, or files beside it.
         self._buffers = []
         for about in self.json.get("buffers", []):
@@ -71,6 +73,23 @@ class _Document:
                 self._buffers.append(base64.b64decode(uri.partition(",")[2], validate=True))
             else:
                 self._buffers.append(read_bytes(_file_inside(path.parent, uri, path), "check the path"))
+        self._decoded = self._of_draco() if compressed.has_decoder(compressed.DRACO) else {}
+
+    def _of_draco(self) -> dict[int, np.ndarray]:
+        """The values of the accessors of compressed meshes, by their numbers."""
+        decoded: dict[int, np.ndarray] = {}
+        for primitive in (each for mesh in self.list("meshes") for each in mesh["primitives"]):
+            if about := primitive.get("extensions", {}).get(compressed.DRACO):
+                data = self._bytes(self.list("bufferViews")[_index(about["bufferView"])])
+                corners, values = compressed.draco_mesh(data, about["attributes"])
+                decoded[primitive["indices"]] = corners
+                decoded |= {primitive["attributes"][name]: each for name, each in values.items()}
+        return decoded
+
+    def _bytes(self, part: dict[str, Any]) -> bytes:
+        """A part of a buffer."""
+        first = _index(part.get("byteOffset", 0))
+        return self._buffers[_index(part["buffer"])][first : first + _index(part["byteLength"])]
 
     def list(self, name: str) -> list[dict[str, Any]]:
         """A list of the file, empty where it has none."""
@@ -83,7 +102,11 @@ class _Document:
         """An accessor's values (count, width): whole numbers, or float64 where they are floats or normalized."""
         about = self.list("accessors")[_index(accessor)]
         kind, width, count = np.dtype(_KINDS[about["componentType"]]), _WIDTHS[about["type"]], about["count"]
-        if "bufferView" in about:
+        if accessor in self._decoded:
+            values = self._decoded[accessor]
+            if values.shape != (count, width):
+                raise ValueError(f"{values.shape} values were decoded, not {(count, width)}")
+        elif "bufferView" in about:
             values = self._view(about["bufferView"], about.get("byteOffset", 0), kind, count, width)
         else:
             if not 0 < count <= max(map(len, self._buffers), default=0):
@@ -101,7 +124,11 @@ class _Document:
 
     def _view(self, number: int, offset: int, kind: np.dtype, count: int, width: int) -> np.ndarray:
         view = self.list("bufferViews")[_index(number)]
-        data = self._buffers[_index(view["buffer"])]
+        packed = view.get("extensions", {}).get(compressed.MESHOPT)
+        if packed and compressed.has_decoder(compressed.MESHOPT):
+            data, view = compressed.meshopt_view(packed, self._bytes(packed)), view | {"byteOffset": 0}
+        else:
+            data = self._buffers[_index(view["buffer"])]
         first, stride = view.get("byteOffset", 0) + offset, view.get("byteStride", kind.itemsize * width)
         end = first + stride * (count - 1) + kind.itemsize * width
         if count < 1 or first < 0 or stride < kind.itemsize * width or end > len(data):

@@ -53,8 +53,7 @@ class Leg:
 
     def reach(self, flexion: float) -> float:
         """Distance from hip to ankle at a flexion from straight [rad]; [m]."""
-        bent = self.thigh + turn("x", self.straight + flexion) @ self.shank
-        return float(np.linalg.norm(bent))
+        return float(np.linalg.norm(self.thigh + turn("x", self.straight + flexion) @ self.shank))
 
     def angles(self, hip: np.ndarray, ankle: np.ndarray, pelvis: np.ndarray, sideways: np.ndarray) -> np.ndarray:
         """The hip's Rx, Ry, Rz and the knee's Rx that bring the ankle to its place: (frame, 4) [rad].

@@ -59,7 +59,7 @@ def test_a_skin_bound_in_another_space_is_brought_to_the_scenes(tmp_path: Path) 
     [
         ({"skins": []}, "damaged"),
         ({"nodes": [{"name": "nothing"}]}, "holds no skinned mesh"),
-        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
+        ({"extensionsRequired": ["KHR_gaussian_splatting"]}, "KHR_gaussian_splatting"),
         ({"buffers": [{"byteLength": 9, "uri": "../secret.bin"}]}, "which is outside"),
         ({"buffers": [{"byteLength": 9, "uri": "/etc/passwd"}]}, "which is outside"),
         ({"buffers": [{"byteLength": 9, "uri": "absent.bin"}]}, "which is not in"),

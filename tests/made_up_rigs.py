@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from glb_file import Glb
 
 _BOX = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _TRIANGLES = np.array(
@@ -108,24 +109,22 @@ def write_creature(path: Path, scale: float = 1.0, **changes: Any) -> Path:
         "bufferViews": views,
         "buffers": [{"byteLength": len(data)}],
     } | changes
+    return _write_glb(path, document, bytes(data))
+
+
+def _write_glb(path: Path, document: dict[str, Any], data: bytes) -> Path:
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
-    binary = bytes(data) + b"\0" * (-len(data) % 4)
+    binary = data + b"\0" * (-len(data) % 4)
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
     path.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
     return path
 
 
-def rewritten(file: Path, change: Callable[[dict[str, Any], bytes], bytes]) -> Path:
+def rewritten(file: Path, change: Callable[[Glb], bytes]) -> Path:
     """A ``.glb`` whose JSON was changed in place, with the binary chunk that the change returns."""
-    data = file.read_bytes()
-    size = struct.unpack_from("<I", data, 12)[0]
-    document, binary = json.loads(data[20 : 20 + size]), data[28 + size :]
-    binary = change(document, binary)
-    text = json.dumps(document).encode()
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
-    file.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
-    return file
+    read = Glb(file)
+    return _write_glb(file, read.json, change(read))
 
 
 ROBOT = """\

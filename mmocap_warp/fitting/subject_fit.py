@@ -264,7 +264,7 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     kinds = [sorted(by_turns(fits, FrameFit.polished, begun), key=_cost) for begun in _headings(task, seen)]
     guesses = sorted(chain(*kinds), key=_cost)
     task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)
-    finalists = [*chain(*(guesses[: config.finalists] for guesses in kinds))]
+    finalists = [*chain(*(kind[: config.finalists] for kind in kinds))]
     rounds = [(1, frame.split_random()) for _ in finalists]
     finalists = sorted(by_turns(fits, FrameFit.with_limbs_found, finalists, *zip(*rounds, strict=True)), key=_cost)
     finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)

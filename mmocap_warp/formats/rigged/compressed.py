@@ -10,15 +10,14 @@ DRACO, MESHOPT = "KHR_draco_mesh_compression", "EXT_meshopt_compression"
 DECODERS = {DRACO: "DracoPy", MESHOPT: "meshoptimizer"}
 """The packages that decode extensions."""
 _MOST_BYTES = 1 << 28  # that a buffer view may become
-# What is decoded how, and the strides [bytes] that it may have.
+_ANY = range(4, 257, 4)
+# How each is decoded, and the strides [bytes] that it may have.
 _MODES = {
-    "ATTRIBUTES": ("vertex_buffer", range(4, 257, 4)),
+    "ATTRIBUTES": ("vertex_buffer", _ANY),
     "TRIANGLES": ("index_buffer", (2, 4)),
     "INDICES": ("index_sequence", (2, 4)),
-    "OCTAHEDRAL": ("filter_oct", (4, 8)),
-    "QUATERNION": ("filter_quat", (8,)),
-    "EXPONENTIAL": ("filter_exp", range(4, 257, 4)),
 }
+_FILTERS = {"OCTAHEDRAL": ("oct", (4, 8)), "QUATERNION": ("quat", (8,)), "EXPONENTIAL": ("exp", _ANY)}
 
 
 def has_decoder(extension: str) -> bool:
@@ -40,19 +39,17 @@ def draco_mesh(data: bytes, attributes: dict[str, int]) -> tuple[np.ndarray, dic
 def meshopt_view(about: dict[str, Any], data: bytes) -> bytes:
     """The bytes of a buffer view that the extension is ``about``; a ValueError if it is damaged."""
     meshopt: Any = import_module(DECODERS[MESHOPT])
-    count, stride, steps = about["count"], about["byteStride"], [about["mode"], about.get("filter", "NONE")]
-    decoders, strides = zip(*(_MODES[step] for step in steps if step != "NONE"), strict=True)
+    count, stride, mode, filtered = about["count"], about["byteStride"], about["mode"], about.get("filter", "NONE")
+    decoder, strides = _MODES[mode]
+    name, filter_strides = _FILTERS[filtered] if filtered != "NONE" else ("", strides)
     # The decoders do not look where they write.
-    if (
-        any(stride not in each for each in strides)
-        or not 0 < count <= _MOST_BYTES // stride
-        or count % 3 * (about["mode"] == "TRIANGLES")
-    ):
+    fits = stride in strides and stride in filter_strides and 0 < count <= _MOST_BYTES // stride
+    if not fits or (mode == "TRIANGLES" and count % 3):
         raise ValueError(f"a buffer view of {count} times {stride} bytes")
     try:
-        values = getattr(meshopt, f"decode_{decoders[0]}")(count, stride, data)
+        values = getattr(meshopt, f"decode_{decoder}")(count, stride, data)
     except RuntimeError as error:
         raise ValueError(f"meshopt: {error}") from None
-    for name in decoders[1:]:
-        values = getattr(meshopt, f"decode_{name}")(values, count, stride)
+    if name:
+        values = getattr(meshopt, f"decode_filter_{name}")(values, count, stride)
     return bytes(values.tobytes()[: count * stride])

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from glb_file import Glb
 from made_up_rigs import rewritten, write_creature
 
 from mmocap_warp.errors import InputError
@@ -16,22 +16,15 @@ from mmocap_warp.formats.rigged.gltf import read_gltf
 DRACO, MESHOPT = compressed.DRACO, compressed.MESHOPT
 
 
-def with_draco(document: dict[str, Any], binary: bytes) -> bytes:
+def with_draco(glb: Glb) -> bytes:
     """The only primitive compressed by Draco: positions, and what else there is under numbers from 1."""
     import DracoPy
 
+    document, binary = glb.json, glb.binary
     primitive = document["meshes"][0]["primitives"][0]
-
-    def values(accessor: int) -> np.ndarray:
-        about = document["accessors"][accessor]
-        view = document["bufferViews"][about.pop("bufferView")]
-        kind, width = (
-            (np.float32, {"VEC3": 3, "VEC4": 4}) if about["componentType"] == 5126 else (np.uint8, {"VEC4": 4})
-        )
-        part = binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
-        return np.frombuffer(part, kind).reshape(-1, width[about["type"]])
-
-    arrays = {name: values(accessor) for name, accessor in primitive["attributes"].items()}
+    arrays = {name: glb.array(accessor) for name, accessor in primitive["attributes"].items()}
+    for accessor in primitive["attributes"].values():
+        del document["accessors"][accessor]["bufferView"]
     points, count = arrays.pop("POSITION"), len(next(iter(arrays.values())))
     numbers = {name: k for k, name in enumerate(arrays, 1)}
     face, generic = np.arange(count, dtype=np.uint32).reshape(-1, 3), {numbers[name]: arrays[name] for name in arrays}
@@ -57,8 +50,8 @@ def test_a_mesh_compressed_by_draco(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("damage", ["bytes", "number", "count"])
 def test_damage_below_draco_is_told_in_one_line(tmp_path: Path, damage: str) -> None:
-    def damaged(document: dict[str, Any], binary: bytes) -> bytes:
-        before, packed = len(binary), with_draco(document, binary)
+    def damaged(glb: Glb) -> bytes:
+        before, packed, document = len(glb.binary), with_draco(glb), glb.json
         primitive = document["meshes"][0]["primitives"][0]
         if damage == "number":
             primitive["extensions"][DRACO]["attributes"]["POSITION"] = 99

@@ -8,28 +8,26 @@ from typing import Any
 import meshoptimizer
 import numpy as np
 import pytest
+from glb_file import Glb
 from made_up_rigs import rewritten, write_creature
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.compressed import MESHOPT, meshopt_view
 from mmocap_warp.formats.rigged.gltf import read_gltf
 
-WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
-
-def with_meshopt(document: dict[str, Any], binary: bytes) -> bytes:
+def with_meshopt(glb: Glb) -> bytes:
     """Every buffer view compressed; their buffer is a fallback that is not there."""
-    packed = b""
-    for about in document["accessors"]:
-        view = document["bufferViews"][about["bufferView"]]
-        first, stride = view["byteOffset"], WIDTHS[about["type"]] * (4 if about["componentType"] == 5126 else 1)
-        values = np.frombuffer(binary[first : first + view["byteLength"]], np.uint8).reshape(-1, stride)
+    packed, document = b"", glb.json
+    for accessor, about in enumerate(document["accessors"]):
+        view, values = document["bufferViews"][about["bufferView"]], glb.array(accessor).view(np.uint8)
+        stride = values.shape[1]
         part = meshoptimizer.encode_vertex_buffer(np.ascontiguousarray(values), len(values), stride)
         place = {"buffer": 0, "byteOffset": len(packed), "byteLength": len(part)}
         how = {"byteStride": stride, "count": len(values), "mode": "ATTRIBUTES"}
         view |= {"buffer": 1, "extensions": {MESHOPT: place | how}}
         packed += part
-    document["buffers"] = [{"byteLength": len(packed)}, {"byteLength": len(binary)}]
+    document["buffers"] = [{"byteLength": len(packed)}, {"byteLength": len(glb.binary)}]
     document["extensionsRequired"] = [MESHOPT]
     return packed
 
@@ -80,4 +78,4 @@ def test_what_would_be_written_elsewhere_or_is_damaged_is_refused(about: dict[st
 
 def test_damage_below_meshopt_is_told_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is damaged"):
-        read_gltf(rewritten(write_creature(tmp_path / "c.glb"), lambda d, b: with_meshopt(d, b)[:-40] + bytes(40)))
+        read_gltf(rewritten(write_creature(tmp_path / "c.glb"), lambda glb: with_meshopt(glb)[:-40] + bytes(40)))

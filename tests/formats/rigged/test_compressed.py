@@ -28,7 +28,7 @@ def with_draco(glb: Glb) -> bytes:
     points, count = arrays.pop("POSITION"), len(next(iter(arrays.values())))
     numbers = {name: k for k, name in enumerate(arrays, 1)}
     face, generic = np.arange(count, dtype=np.uint32).reshape(-1, 3), {numbers[name]: arrays[name] for name in arrays}
-    packed = DracoPy.encode(points, face, quantization_bits=30, preserve_order=True, generic_attributes=generic)
+    packed = DracoPy.encode(points, face, quantization_bits=24, preserve_order=True, generic_attributes=generic)
     numbers["POSITION"] = max(numbers.values()) + 1
     document["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(packed)})
     document["accessors"].append({"componentType": 5125, "count": count, "type": "SCALAR"})

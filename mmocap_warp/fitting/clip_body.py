@@ -7,8 +7,9 @@ frame alone made of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.contour.body_problem import BodySolution, body_problem
+from mmocap_warp.contour.body_problem import BodyProblem, BodySolution, body_problem
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.fitter import ContourFitter
 from mmocap_warp.contour.frame.rooted import FrameArrays, Neighbours, RootedPoses, Rooting
@@ -26,16 +27,22 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.fitting.frame_fit import PRIOR
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
-from mmocap_warp.tracking.body_masks import body_silhouettes
+from mmocap_warp.result.verdict import MAX_DEPARTURE
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_frames
-from mmocap_warp.tracking.holes import with_holes
+from mmocap_warp.tracking.loose_clothes import LOOSE, LooseClothes, with_hidden
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _DURATION = 2.0  # how much of a clip is followed [s]
 _RATE = 30.0  # frames a second that are enough to follow a person
 _LEAST_GAIN = 0.03  # share of a frame's cost by which the answer on the way back must be better
 _BODY_STEPS = 15  # steps that solve the body
+# Loose clothes are found beside a body, which is solved without them a few times.
+_CLOTHED_TURNS = 3
+_USUAL = 3.0  # a parameter further from the family begins there anew [standard deviations]
+_HELD, _HELD_STEPS = 0.05, 8  # share of these that the body gives way by, while poses follow it
+_CLOTHED = 0.5  # how much nearer to its family a body is expected under them
+_GAIN = 0.75  # share of its departure that may be left without them
 _OUTLINE = 0.012  # standard deviation that all outlines have in common, of shadows, hair and shoes [m]
 
 
@@ -88,8 +95,12 @@ def solve_body_in_clip(
     followed = follow(subject, rig, clip, fps, config)
     device, threads = resolve_device(config.device), config.threads or available_threads()
     solved, cost = solve_body(subject, generic, rig, followed.spread(frames), device, threads)
+    cost *= len(clip) / len(followed.rooted)
+    if LOOSE in solved.provenance and LOOSE not in subject.provenance:  # taken for skin, clothes may have cost a leg
+        followed = follow(solved, rig, clip, fps, config)
+        solved, _ = solve_body(solved, generic, rig, followed.spread(frames), device, threads)
     places = MotionPoints(skeleton, subject.body.joint_rest, skeleton.searched()).at(followed.rooted)
-    return InClip(solved, cost * len(clip) / len(followed.rooted), places[:, ::POINTS_A_JOINT], followed)
+    return InClip(solved, cost, places[:, ::POINTS_A_JOINT], followed)
 
 
 def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float, config: TrackConfig) -> Followed:
@@ -104,8 +115,8 @@ def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float
     # Forwards, until the subject is lost.
     observed: list[Observation] = []
     answers: list[FrameAnswer] = []
-    tracker, silhouettes_of = ContourTracker(subject, rig, config, fps), body_silhouettes(subject, rig)
-    observations = with_holes(clip, fps, lambda _: silhouettes_of(tracker.state.pose))
+    tracker = ContourTracker(subject, rig, config, fps)
+    observations = with_hidden(clip, subject, rig, fps, lambda _: tracker.state.pose)
     for answer in track_frames(tracker, observations, keep=observed.append):
         if answers and np.ravel(answer.status)[0] == STATUS.index("lost"):
             break
@@ -148,17 +159,62 @@ def solve_body(
     for place, observation in enumerate(followed.observation):
         fitter.observe(place, observation)
 
-    problem = body_problem(fitter, space, subject.root_base, PRIOR, followed.neighbours, still)
-    solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
+    worn = str(subject.provenance.get(LOOSE, "")).split()
+    share = _CLOTHED * PRIOR if worn else PRIOR
+    problem, rooted = body_problem(fitter, space, subject.root_base, share, followed.neighbours, still), followed.rooted
+
+    def hide_clothes(joints: list[str], rooted: RootedPoses, beta: np.ndarray) -> None:
+        clothes = LooseClothes(replace(subject, body=space.model(beta)), rig, joints)
+        poses = problem.rooting.leave(rooted, subject.pose[ROOT_ANGLES])
+        for place, seen in enumerate(followed.observation):
+            fitter.observe(place, clothes.hidden_in(seen, poses[place : place + 1]))
+
+    beta = space.nearest(subject.body)
+    if worn:
+        hide_clothes(worn, rooted, beta)
+    solution = problem.solved(np.arange(count), rooted, beta, _BODY_STEPS)
+    departure, cost = _departure(space, solution.beta), float(solution.cost.mean())
+
+    # A body far from its family, and thicker, may be in loose clothes: if it comes nearer without them, it is.
+    if not worn and departure > MAX_DEPARTURE and (thick := _thick_joints(space, solution.beta)):
+        without = _solved_without(partial(hide_clothes, thick), problem, solution)
+        if _departure(space, without.beta) < _GAIN * departure:
+            solution, worn, departure = without, thick, _departure(space, without.beta)
+
     pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
     shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}
     provenance = kept | {"fit.frames": count} | measurements(space, solution) | shape
-    departs = (solution.beta / (PRIOR * space.sigma))[~space.changes_kind]
-    if len(departs):
-        provenance["fit.departure"] = float(np.sqrt(np.mean(departs**2)))
+    provenance |= ({"fit.departure": departure} if departure else {}) | ({LOOSE: " ".join(worn)} if worn else {})
     solved = replace(subject, body=space.model(solution.beta), pose=pose, provenance=provenance)
-    return with_base_still(solved, own) if still else solved, float(solution.cost.mean())
+    return with_base_still(solved, own) if still else solved, cost
+
+
+def _departure(space: RestSpace, beta: np.ndarray) -> float:
+    """How far a body is from its family, as the root mean square of its parameters in standard deviations."""
+    departs = (beta / (PRIOR * space.sigma))[~space.changes_kind]
+    return float(np.sqrt(np.mean(departs**2))) if len(departs) else 0.0
+
+
+def _thick_joints(space: RestSpace, beta: np.ndarray) -> list[str]:
+    """The joints whose girth is beyond that of the family."""
+    far = zip(space.names, beta / (PRIOR * space.sigma) > MAX_DEPARTURE, strict=True)
+    thick = [name.removeprefix("girth.").split("+") for name, is_far in far if is_far and name.startswith("girth.")]
+    return [joint for pair in thick for joint in pair]
+
+
+def _solved_without(
+    hide_clothes: Callable[[RootedPoses, np.ndarray], None], problem: BodyProblem, solution: BodySolution
+) -> BodySolution:
+    """The body without loose clothes: they are hidden beside a body that is usual where the solution is not."""
+    frames, near = np.arange(len(solution.rooted)), replace(problem, sigma=_CLOTHED * problem.sigma)
+    for _ in range(_CLOTHED_TURNS):
+        usual = np.where(np.abs(solution.beta) > _USUAL * problem.sigma, problem.generic, solution.beta)
+        held = replace(problem, generic=usual, sigma=_HELD * problem.sigma)
+        solution = held.solved(frames, solution.rooted, usual, _HELD_STEPS)
+        hide_clothes(solution.rooted, solution.beta)
+        solution = near.solved(frames, solution.rooted, solution.beta, _BODY_STEPS)
+    return solution
 
 
 def with_base_still(subject: Subject, skeleton: Skeleton) -> Subject:

@@ -22,7 +22,7 @@ _NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
 _MOST_IN_DOUBT = 0.5  # of the body's parts: a frame with more of them in doubt is not trusted, whatever its status
 _MIN_VIEWS = 2  # views that must see somebody in a frame
-_MAX_DEPARTURE = 3.5  # standard deviations from its kind: a sound body had at most 3.0, those in a skirt 4 to 8
+MAX_DEPARTURE = 3.5  # standard deviations from its kind: a sound body had at most 3.0, those in a skirt 4 to 8
 _SHOWN_RANGES = 4  # ranges of frames that are listed
 
 
@@ -73,7 +73,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         "frozen": {name: frames.tolist() for name, frames in frozen.items() if len(frames)},
         "problem": problem,
         "undecided": undecided,
-        "unlike": float(fitted.get("fit.departure", 0.0)) > _MAX_DEPARTURE,
+        "unlike": float(fitted.get("fit.departure", 0.0)) > MAX_DEPARTURE,
     }
     holds = 2 * values["trusted"] >= values["frames"]
     said = {"holds": holds, "lines": _lines(values, result.stride)}

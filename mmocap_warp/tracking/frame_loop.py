@@ -32,7 +32,8 @@ from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_ide
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.from_settings import in_own_unit
-from mmocap_warp.tracking.holes import HOLE_SECONDS, BodyBefore, with_holes
+from mmocap_warp.tracking.holes import HOLE_SECONDS
+from mmocap_warp.tracking.loose_clothes import PoseBefore, with_hidden
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.smoothing_beside import SmoothingBeside, SmoothingElsewhere, smoothing_beside
@@ -173,7 +174,7 @@ def track(
         if first < done:
             begun = collect(subject, rig, scene.fps, config, answers, scene.frames[:done])
             observations = chain(tracked_observations(scene, begun, range(first, done)), observations)
-        observations = with_holes(observations, scene.rate, lambda i: silhouettes_of(answers[first + i - 1].pose))
+        observations = with_hidden(observations, subject, rig, scene.rate, lambda i: answers[first + i - 1].pose)
         if beside:
             blank = lost_frame(tracker.state.pose, len(rig))
             beside.begin(collect(subject, rig, scene.fps, config, [blank] * scene.frame_count, scene.frames), config)
@@ -186,11 +187,11 @@ def track(
         def masks() -> Iterable[Observation]:
             return kept if complete else tracked_observations(scene, result)
 
-        def start_again(shown: Callable[[BodyBefore], Iterator[Observation]]) -> list[FrameAnswer]:
+        def start_again(shown: Callable[[PoseBefore], Iterator[Observation]]) -> list[FrameAnswer]:
             tracker = make_tracker(subject, rig, config, scene.rate)
             if again:
                 tracker.state = state
-            seen = shown(lambda place: silhouettes_of(again[place - 1].pose))
+            seen = shown(lambda place: again[place - 1].pose)
             _extend(again, tracker, islice(seen, len(again), None), saved, progress)
             return again
 
@@ -221,7 +222,7 @@ def _finished(
     result: Result,
     config: TrackConfig,
     masks: Callable[[], Iterable[Observation]],
-    start_again: Callable[[Callable[[BodyBefore], Iterator[Observation]]], list[FrameAnswer]],
+    start_again: Callable[[Callable[[PoseBefore], Iterator[Observation]]], list[FrameAnswer]],
     progress: SmoothReport | None,
     beside: SmoothingBeside | SmoothingElsewhere | None = None,
 ) -> Result:
@@ -236,10 +237,9 @@ def _finished(
     whole = beside if not repeated.any() else None
     if beside and not whole:
         beside.close()  # else two threads smooth at once
-    silhouettes_of = body_silhouettes(result.subject, result.cameras)
 
-    def shown(body: BodyBefore) -> Iterator[Observation]:
-        seen = with_holes(masks(), result.rate, body)
+    def shown(pose: PoseBefore) -> Iterator[Observation]:
+        seen = with_hidden(masks(), result.subject, result.cameras, result.rate, pose)
         return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if frozen.any() else seen
 
     if frozen.any():
@@ -251,7 +251,7 @@ def _finished(
     status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
     result = replace(result, status=status)
     raw = result.pose
-    seen = partial(shown, lambda place: silhouettes_of(raw[:, place - 1]))
+    seen = partial(shown, lambda place: raw[:, place - 1])
     if config.acceleration:
         done = whole.of(result) if whole else None
         result = done or smoothed(result, config, read_ahead(seen()), progress)
@@ -285,9 +285,8 @@ def track_observations(
     keep = kept.append if config.acceleration else None
     unit, given = subject.body.unit, dict[str, Any](subject=subject, cameras=rig)
     subject, rig, config = in_own_unit(subject, rig, config)
-    silhouettes_of = body_silhouettes(subject, rig)
     tracker = make_tracker(subject, rig, config, fps)
-    observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))
+    observations = with_hidden(observations, subject, rig, fps, lambda _: tracker.state.pose)
     answers = list(track_frames(tracker, observations, keep=keep, progress=progress))
     result = collect(subject, rig, fps, config, answers)
     result = smoothed(result, config, kept) if config.acceleration else result

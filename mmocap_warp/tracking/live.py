@@ -6,6 +6,7 @@
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -18,13 +19,12 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.tracking.body_masks import body_silhouettes
 from mmocap_warp.tracking.contour_state import ContourState
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_frames
 from mmocap_warp.tracking.from_settings import in_own_unit
-from mmocap_warp.tracking.holes import with_holes
 from mmocap_warp.tracking.live_smoothing import LiveFrame, SmoothingProcess, Window, live_frame, nothing_seen
+from mmocap_warp.tracking.loose_clothes import with_hidden
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -63,9 +63,8 @@ def track_live(
     window = Window(subject, cameras, config, fps)
     subject, cameras, config = in_own_unit(subject, cameras, config)
     tracker = make_tracker(subject, cameras, config, fps)
-    silhouettes_of = body_silhouettes(subject, cameras)
     observations: Iterable[Observation] = (Observation.from_masks(list(each)) for each in masks)
-    observations = with_holes(observations, fps, lambda _: silhouettes_of(tracker.state.pose))
+    observations = with_hidden(observations, subject, cameras, fps, lambda _: tracker.state.pose)
     for answer in track_frames(tracker, observations, keep=window.observe):
         yield from window.add(answer)
     yield from window.rest()
@@ -113,7 +112,7 @@ class LiveTracker:
             self._smoother, self._person = smoothed_by or (SmoothingProcess([given]), 0)
             if isinstance(self._tracker, ContourTracker):
                 self._tracker.search_interval = max(2, round(_SEARCH_INTERVAL * fps))
-            self._silhouettes_of, self._fps = body_silhouettes(subject, cameras), fps
+            self._followed_by = partial(with_hidden, subject=subject, rig=cameras, rate=fps)
             self._follow_holes()
             # Rehearse with the body where it is taken to be.
             state, poser = self._tracker.state, Poser(subject.body, subject.root_base)
@@ -135,7 +134,7 @@ class LiveTracker:
         self._come: list[Observation] = []
         self._expected = 0
         come = (self._come.pop() for _ in count())
-        self._followed = with_holes(come, self._fps, lambda _: self._silhouettes_of(self._tracker.state.pose))
+        self._followed = self._followed_by(come, pose=lambda _: self._tracker.state.pose)
 
     def close(self) -> None:
         """End the process that smooths, the other people's too where it has several."""

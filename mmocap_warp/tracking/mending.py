@@ -23,6 +23,7 @@ from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_observations
 from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
+from mmocap_warp.tracking.loose_clothes import loose_clothes
 from mmocap_warp.tracking.pins import Pins
 from mmocap_warp.tracking.recovery_starts import SCATTERED_POSES, RecoveryStarts
 from mmocap_warp.tracking.smoothing import Mending, smoothed
@@ -113,7 +114,13 @@ def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> lis
     numbers, names = result.frame_numbers[list(positions)].tolist(), result.cameras.names
     seen = tracked_observations(scene, result, positions)
     left_out = [np.array([number in frozen.get(name, ()) for name in names]) for number in numbers]
-    return [each.without(views) for each, views in zip(seen, left_out, strict=True)]
+    shown = [each.without(views) for each, views in zip(seen, left_out, strict=True)]
+    clothes = loose_clothes(result.subject, result.cameras)
+    return (
+        [clothes.hidden_in(each, result.pose[:, at]) for each, at in zip(shown, positions, strict=True)]
+        if clothes
+        else shown
+    )
 
 
 class _SpanSearch:

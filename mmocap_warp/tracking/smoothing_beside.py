@@ -20,8 +20,7 @@ from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device, start_quietly
 from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.result.result import FrameAnswer, Result
-from mmocap_warp.tracking.body_masks import body_silhouettes
-from mmocap_warp.tracking.holes import with_holes
+from mmocap_warp.tracking.loose_clothes import with_hidden
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -57,8 +56,8 @@ class SmoothingBeside:
     def begin(self, room: Result, config: TrackConfig) -> None:
         """Begin with a result of as many frames as the track will have, which is filled."""
         self._room = room
-        silhouettes_of = body_silhouettes(room.subject, room.cameras)
-        seen = with_holes(self._masks(), room.rate, lambda place: silhouettes_of(room.pose[:, place - 1]))
+        subject, rig = room.subject, room.cameras
+        seen = with_hidden(self._masks(), subject, rig, room.rate, lambda place: room.pose[:, place - 1])
 
         def progress(done: int) -> None:
             if self._report and self._complete:

@@ -40,7 +40,7 @@ def followed(subject, monkeypatch, there, back, lost=()):
             return FrameAnswer(pose, cost, np.ones((1, 5)), 0, status, 0.0)
 
     monkeypatch.setattr(clip_body, "ContourTracker", Tracker)
-    monkeypatch.setattr(clip_body, "with_holes", lambda frames, *_: frames)  # frames are numbers here
+    monkeypatch.setattr(clip_body, "with_hidden", lambda frames, *_: frames)  # frames are numbers here
     found = clip_body.follow(subject, None, range(len(there)), 30.0, TrackConfig(device="cpu"))
     return found, found.rooted.pose[:, 0]
 

@@ -68,8 +68,7 @@ class WebmFile:
     def __init__(self, path: str | Path, fps: float) -> None:
         self._path, self._fps = Path(path), fps
         self._writer: cv2.VideoWriter | None = None
-        self._size = (0, 0)
-        self._frames = 0
+        self._size, self._frames = (0, 0), 0
 
     def __enter__(self) -> Self:
         with contextlib.ExitStack() as stack:

@@ -89,8 +89,7 @@ class Table:
     def __init__(self, values: dict[str, Any], source: str, name: str) -> None:
         self._values = dict(values)
         self._known: list[str] = []
-        self.source = source
-        self.name = name
+        self.source, self.name = source, name
 
     def error(self, problem: str, remedy: str) -> InputError:
         """An :class:`InputError` that names the file and this table."""
@@ -143,8 +142,7 @@ class Table:
         """A list of finite numbers, as long as one of ``count`` says."""
         if not self._check_presence(key, default, "[...]"):
             return default
-        value = self._values.pop(key)
-        length = " or ".join(map(str, count))
+        value, length = self._values.pop(key), " or ".join(map(str, count))
         if not (isinstance(value, list) and len(value) in count and all(map(is_number, value))):
             raise self.error(f"{key} = {value!r} is not {length} numbers", f"give a list of {length} numbers")
         if not all(math.isfinite(v) for v in value):

@@ -40,8 +40,7 @@ def read_colmap(path: str | Path, units: str | None = None, up: str = "+z", size
     lenses = _read_lenses(folder / "cameras.txt")
     file = folder / "images.txt"
     poses = _read_poses(file)
-    names = _camera_names(list(poses), file)
-    metres = stated_metres(units, file)
+    names, metres = _camera_names(list(poses), file), stated_metres(units, file)
     cameras = []
     for (image, (lens, R, t)), name in zip(poses.items(), names, strict=True):
         if lens not in lenses:
@@ -58,8 +57,7 @@ def _read_lenses(path: Path) -> dict[str, Camera]:
         where = f"{path}: camera {number}"
         if model not in _MODELS:
             raise InputError(where, f"lens model '{model}' is not known", f"known are {', '.join(_MODELS)}")
-        names = _MODELS[model].split()
-        values = _numbers(parameters, where)
+        names, values = _MODELS[model].split(), _numbers(parameters, where)
         if len(values) != len(names):
             raise InputError(where, f"{model} has {len(values)} parameters, not {len(names)}", _REMEDY)
         across, down = map(int, _numbers([width, height], where))

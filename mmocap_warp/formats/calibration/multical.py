@@ -72,8 +72,7 @@ def _world_poses(poses: dict[str, Any], names: Collection[str], path: str | Path
     known: dict[str, np.ndarray] = {}
     relative: dict[str, list[tuple[str, np.ndarray]]] = {name: [] for name in names}
     for key, value in poses.items():
-        pose = np.eye(4)
-        where = f"{path}: camera_poses '{key}'"
+        pose, where = np.eye(4), f"{path}: camera_poses '{key}'"
         fields = _check_object(value, "it", where)
         pose[:3, :3] = _numbers(fields, "R", (9,), where).reshape(3, 3)
         pose[:3, 3] = _numbers(fields, "T", (3,), where)

@@ -80,12 +80,10 @@ def _write(people: Mapping[str, _Moving], about: dict[str, Any], path: Path) -> 
     for number, (person, (body, stand, clips)) in enumerate(people.items()):
         # All but where its numbers stand. Nodes are the joints in their order, then the skin.
         skeleton, bind, first = body.skeleton, bind_transforms(body), len(nodes)
-        joints = len(skeleton.joints)
-        skin = _skin(body.skin, buffer)
+        joints, skin = len(skeleton.joints), _skin(body.skin, buffer)
         bones = {name: {"node": skeleton.index(name)} for name in RIGS["vrm"].names.values() if name in skeleton.joints}
         if len(bones) == len(RIGS["vrm"].names) and not person:  # those who play it ask the nodes for the rest pose
-            human = bones
-            stand = body.rest_transforms
+            human, stand = bones, body.rest_transforms
         inverse_bind = np.linalg.inv(bind)
         inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
         inverse = buffer.add(inverse_bind.transpose(0, 2, 1), "MAT4")  # by columns
@@ -146,8 +144,7 @@ class _Buffer:
         self.data += values.tobytes()
         flat, component = values.reshape(len(values), -1), _COMPONENTS[values.dtype.name]
         about = {"bufferView": len(self.views) - 1, "componentType": component, "count": len(values), "type": kind}
-        bounds = {"min": flat.min(axis=0).tolist(), "max": flat.max(axis=0).tolist()}
-        self.accessors.append(about | bounds)
+        self.accessors.append(about | {"min": flat.min(axis=0).tolist(), "max": flat.max(axis=0).tolist()})
         return len(self.accessors) - 1
 
 
@@ -165,12 +162,11 @@ def _joint_nodes(skeleton: Skeleton, stand: np.ndarray, first: int) -> list[dict
 def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
     face = triangulated(skin.face)
     weight = skin.weight / skin.weight.sum(axis=1, keepdims=True, dtype=float)
-    joint = np.where(weight > 0, skin.joint, 0)
     return {
         "attributes": {
             "POSITION": buffer.add(skin.rest, "VEC3", _VERTICES),
             "NORMAL": buffer.add(_normals(skin.rest.astype(float), face), "VEC3", _VERTICES),
-            "JOINTS_0": buffer.add(joint.astype(np.uint16), "VEC4", _VERTICES),
+            "JOINTS_0": buffer.add(np.where(weight > 0, skin.joint, 0).astype(np.uint16), "VEC4", _VERTICES),
             "WEIGHTS_0": buffer.add(weight, "VEC4", _VERTICES),
         },
         "indices": buffer.add(face.astype(np.uint32).ravel(), "SCALAR", _INDICES),

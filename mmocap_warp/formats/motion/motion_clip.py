@@ -26,8 +26,7 @@ class MotionClip:
         last = len(self.place) - 1
         when = np.arange(int(last * fps / self.fps) + 1) * self.fps / fps
         before = np.minimum(when.astype(int), max(last - 1, 0))
-        after = np.minimum(before + 1, last)
-        share = (when - before)[:, None, None]
+        after, share = np.minimum(before + 1, last), (when - before)[:, None, None]
         place = (1 - share) * self.place[before] + share * self.place[after]
         share = share[..., None]
         mixed = (1 - share) * self.rotation[before] + share * self.rotation[after]

@@ -400,8 +400,7 @@ def _local_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.
     translation, rotation, scale = ((moved | held)[path] for path in _PARTS)
     matrix = np.zeros((max(map(len, (translation, rotation, scale))), 4, 4))
     matrix[:, :3, :3] = Rotation.from_quat(rotation).as_matrix() * scale[:, None, :]
-    matrix[:, :3, 3] = translation
-    matrix[:, 3, 3] = 1.0
+    matrix[:, :3, 3], matrix[:, 3, 3] = translation, 1.0
     if not np.isfinite(matrix).all():
         raise ValueError("a node's transform is not finite")
     return matrix

@@ -95,9 +95,8 @@ def joined_parts(parts: list[Skin]) -> Skin:
     """Several parts as one."""
     width = max(part.weight.shape[1] for part in parts)
     vertex, face, influence, weight = zip(*parts, strict=True)
-    first = np.cumsum([0, *map(len, vertex)])
     padded = ([np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in of_all] for of_all in (influence, weight))
-    faces = [each + start for each, start in zip(face, first, strict=False)]
+    faces = [each + start for each, start in zip(face, np.cumsum([0, *map(len, vertex)]), strict=False)]
     return Skin(np.concatenate(vertex), np.concatenate(faces), *map(np.concatenate, padded))
 
 

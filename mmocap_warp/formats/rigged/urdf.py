@@ -150,8 +150,7 @@ def _origin(element: Element) -> np.ndarray:
     """(4, 4) of an element's <origin>: fixed axes, roll about x first."""
     from scipy.spatial.transform import Rotation
 
-    matrix = np.eye(4)
-    origin = element.find("origin")
+    matrix, origin = np.eye(4), element.find("origin")
     if origin is not None:
         matrix[:3, :3] = Rotation.from_euler("xyz", _numbers(origin.get("rpy", "0 0 0"), 3)).as_matrix()
         matrix[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3)

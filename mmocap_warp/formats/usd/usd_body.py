@@ -42,8 +42,7 @@ def write_body(path: str | Path, body: model.BodyModel, motions: Mapping[str, mo
         UsdGeom.Scope.Define(stage, f"/{body.name}/Motions")
     for number, (name, motion) in enumerate((motions or {}).items()):
         prim = UsdGeom.Scope.Define(stage, f"/{body.name}/Motions/Motion{number}").GetPrim()
-        values = {"name": name, "fps": float(motion.fps), "pose": np.asarray(motion.pose, float)}
-        for key, value in values.items():
+        for key, value in {"name": name, "fps": float(motion.fps), "pose": np.asarray(motion.pose, float)}.items():
             author(prim, f"mmocap:{key}", value)
     stage.SetDefaultPrim(root.GetPrim())
     write_stage(path, stage)
@@ -237,10 +236,9 @@ def body_from_prim(prim: Usd.Prim, source: object) -> model.BodyModel:
 
 
 def _define_mesh(stage: Usd.Stage, path: str, mesh: model.SkinMesh, skeleton: UsdSkel.Skeleton) -> UsdGeom.Mesh:
-    corners = mesh.face.shape[1]
     prim = UsdGeom.Mesh.Define(stage, path)
     prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(mesh.rest))
-    prim.CreateFaceVertexCountsAttr(Vt.IntArray(len(mesh.face), corners))
+    prim.CreateFaceVertexCountsAttr(Vt.IntArray(len(mesh.face), mesh.face.shape[1]))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face.ravel()))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(prim.GetPointsAttr().Get()))

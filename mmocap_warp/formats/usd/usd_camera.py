@@ -33,8 +33,7 @@ _REMEDY = "write the result again with `mmocap track`"
 
 def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
     """Author a rig as camera prims below a scope at ``path``; the scope's parent is the rig's world, in metres."""
-    scope = UsdGeom.Scope.Define(stage, path)
-    prim_names = _prim_names(rig.names)
+    scope, prim_names = UsdGeom.Scope.Define(stage, path), _prim_names(rig.names)
     author(scope.GetPrim(), "mmocap:cameras", prim_names)
     author(scope.GetPrim(), "mmocap:up", rig.up)
     for k, prim_name in enumerate(prim_names):

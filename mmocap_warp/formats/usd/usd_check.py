@@ -213,8 +213,7 @@ def _skin_faults(binding: UsdSkel.BindingAPI, points: int) -> Iterator[str]:
         yield "is bound to no skeleton"
         return
     index, weight = binding.GetJointIndicesPrimvar(), binding.GetJointWeightsPrimvar()
-    joint = np.array(index.Get() or (), int)
-    share = np.array(weight.Get() or (), float)
+    joint, share = np.array(index.Get() or (), int), np.array(weight.Get() or (), float)
     influences = weight.GetElementSize()
     if index.GetElementSize() != influences or not len(joint) == len(share) == points * influences:
         yield f"{len(joint)} joint indices and {len(share)} weights for {points} points of {influences} influences"

@@ -96,8 +96,7 @@ class PrimReader:
     """
 
     def __init__(self, prim: Usd.Prim, source: object, remedy: str) -> None:
-        self.prim = prim
-        self.source = source
+        self.prim, self.source = prim, source
         self.remedy = remedy
 
     def require(self, condition: bool | np.bool_, problem: str) -> None:

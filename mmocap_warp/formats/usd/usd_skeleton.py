@@ -57,8 +57,7 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     lower, upper = (read.array(f"mmocap:limits{end}", (len(joints), 3)) for end in ("Lower", "Upper"))
     read.require((lower <= upper).all(), "a lower joint limit lies above the upper one")
     # Pairs, and joints of special kinds.
-    sides = read.texts("mmocap:pairJoints")
-    names = read.texts("mmocap:pairs")
+    sides, names = read.texts("mmocap:pairJoints"), read.texts("mmocap:pairs")
     read.require(len(sides) == 2 * len(names), f"mmocap:pairJoints names {len(sides)} joints for {len(names)} pairs")
     sliding, attached = (tuple(read.texts(f"mmocap:{name}", optional=True)) for name in ("sliding", "attached"))
     spread = read.array("mmocap:spread", (len(joints),), np.float64)

@@ -46,8 +46,7 @@ def mesh_edges(face: np.ndarray) -> np.ndarray:
     place = order[np.minimum(np.searchsorted(forward, backward, sorter=order), len(order) - 1)] if len(order) else order
     paired = forward[place] == backward
     first = ~paired | (np.arange(len(order)) < place)
-    partner = np.where(paired, triangle[place], -1)
-    return np.stack([start, end, triangle, partner], axis=1)[first].astype(np.int32)
+    return np.stack([start, end, triangle, np.where(paired, triangle[place], -1)], axis=1)[first].astype(np.int32)
 
 
 def _paired_one_by_one(start: np.ndarray, end: np.ndarray, triangle: np.ndarray) -> np.ndarray:

@@ -206,8 +206,7 @@ class Subject:
 def bind_transforms(body: BodyModel) -> np.ndarray:
     """(joint, 4, 4) float64: body space from joint in the bind pose, for column vectors."""
     bind = np.tile(np.eye(4), (len(body.joint_rest), 1, 1))
-    bind[:, :3, :3] = body.skeleton.frame
-    bind[:, :3, 3] = body.joint_rest
+    bind[:, :3, :3], bind[:, :3, 3] = body.skeleton.frame, body.joint_rest
     return bind
 
 

@@ -63,8 +63,7 @@ class Poser:
     def __init__(self, body: BodyModel, root_base: np.ndarray, device: str = "cpu") -> None:
         self._device = device
         self._full = make_body_arrays(body, root_base, body.skin, device)
-        self._tracking = body.tracking_vertex
-        self._coordinates = body.skeleton.coordinates
+        self._tracking, self._coordinates = body.tracking_vertex, body.skeleton.coordinates
 
     def joint_transforms(self, pose: np.ndarray) -> np.ndarray:
         """World transforms of the joints for poses (n, coordinate): (n, joint, 4, 4) float32, for column vectors."""

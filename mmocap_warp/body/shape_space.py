@@ -93,11 +93,10 @@ class ShapeSpace:
             if target is not None and value != 0:
                 weights[target] = abs(float(value))
         scale = float(np.exp(coordinate[self.scale_index]))
-        base = upright_base(self.up) @ heading_rotation(float(coordinate[self.heading_index]))
         shape = {f"shape.{name}": float(v) for (name, _, _), v in zip(self.sliders, values, strict=True)}
         return Subject(
             self.body.shaped(weights, scale),
-            base,
+            upright_base(self.up) @ heading_rotation(float(coordinate[self.heading_index])),
             np.asarray(coordinate[: self.body.skeleton.coordinates], np.float64),
             provenance | shape | {"scale": scale},
         )

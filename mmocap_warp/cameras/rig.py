@@ -156,8 +156,7 @@ def project(rig: CameraRig, points: np.ndarray) -> np.ndarray:
         (camera, n, 2) float64 [px]; NaN where a point does not lie in front of the camera.
     """
     seen = np.einsum("kij,nj->kni", rig.R, np.asarray(points, np.float64)) + rig.t[:, None]
-    depth = np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
-    plane = seen[..., :2] / depth
+    plane = seen[..., :2] / np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
     return np.stack([to_pixels(rig, k, through_lens(rig, k, plane[k])) for k in range(len(rig))])
 
 

@@ -28,7 +28,6 @@ def silhouette(pixels: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> 
     reach = 8.0 * max(size)  # keeps fixed-point coordinates of what lies far outside from overflowing
     drawable = (np.isfinite(pixels) & (np.abs(pixels) < reach)).all(axis=1)
     fixed = np.where(drawable[:, None], pixels, 0.0) * (1 << _SUBPIXEL_BITS)
-    corners = np.rint(fixed).astype(np.int32)[faces[drawable[faces].all(axis=1)]]
-    for triangle in corners:
+    for triangle in np.rint(fixed).astype(np.int32)[faces[drawable[faces].all(axis=1)]]:
         cv2.fillConvexPoly(image, triangle, 255, cv2.LINE_8, _SUBPIXEL_BITS)
     return image

@@ -38,9 +38,7 @@ class Undistortion:
 
     def image(self, image: np.ndarray) -> np.ndarray:
         """Resample a gray or BGR image; what lies outside the recorded image is black."""
-        if self._keeps(image):
-            return image.copy()
-        return self._part(image, slice(None), slice(None))
+        return image.copy() if self._keeps(image) else self._part(image, slice(None), slice(None))
 
     def _part(self, image: np.ndarray, rows: slice, columns: slice) -> np.ndarray:
         """The pixels of some samples, which are whole pixels'."""
@@ -94,8 +92,7 @@ def undistortion(
         return to_pixels(rig, k, through_lens(rig, k, plane)) * recorded_scale + recorded_offset
 
     across, down = to_plane(width, 0), to_plane(height, 1)
-    recorded = np.empty((len(down), len(across), 2), np.float32)
-    is_fisheye = rig.names[k] in rig.fisheye
+    recorded, is_fisheye = np.empty((len(down), len(across), 2), np.float32), rig.names[k] in rig.fisheye
     if not (is_fisheye or rig.distortion[k].any() or rig.K[k, 0, 1]):
         # Without distortion a column depends on x alone, and a row on y alone.
         recorded[..., 0] = to_recorded(np.stack([across, np.zeros_like(across)], axis=-1))[:, 0]

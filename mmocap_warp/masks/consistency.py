@@ -95,8 +95,7 @@ class _Views:
         return [self._mended(k) if k in self._seen else mask for k, mask in enumerate(self._masks)]
 
     def _mended(self, k: int) -> np.ndarray:
-        mask = self._masks[k]
-        others = [j for j in self._seen if j != k]
+        mask, others = self._masks[k], [j for j in self._seen if j != k]
         made = mask | self._enclosed_holes(k)
         # A part that only this view lacks: the others' excesses meet there, and all of its own mask is explained.
         if self.explained[k] > _FULLY_EXPLAINED and all(self._excess[j].any() for j in others):

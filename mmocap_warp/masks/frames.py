@@ -123,8 +123,7 @@ def open_video(path: Path) -> VideoFile:
         if not capture.isOpened() or not _next_frame(capture, False)[0]:
             raise InputError(path, "cannot be decoded as a video", "convert it to .mp4 (H.264) or .mkv (FFV1)")
         size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
-        fps = float(capture.get(cv2.CAP_PROP_FPS))
-        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        fps, count = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         turned = int(capture.get(cv2.CAP_PROP_ORIENTATION_META))
         if count <= 0:  # a container without an index: count by decoding
             count = 1

@@ -67,9 +67,8 @@ class MaskJudge:
 
     def report(self) -> MaskReport:
         """What was seen so far."""
-        area = np.array(self._area)
         explained, covered, volumes = map(np.array, zip(*self._agreements, strict=True))
-        reports = map(ViewReport, area.T, map(_median, explained.T), map(_median, covered.T))
+        reports = map(ViewReport, np.array(self._area).T, map(_median, explained.T), map(_median, covered.T))
         views = dict(zip(self._rig.names, reports, strict=True))
         volume = _median(volumes)
         faults = [

@@ -42,8 +42,7 @@ class MaskImages:
     @property
     def files(self) -> tuple[Path, ...]:
         """The files on disk: the images, or the one archive."""
-        files = tuple(member for member in self.members if isinstance(member, Path))
-        return files or (self.path,)
+        return tuple(member for member in self.members if isinstance(member, Path)) or (self.path,)
 
     def read(self, first: int = 0) -> Iterator[np.ndarray | Labels]:
         """Frames from ``first`` on, unchanged; of an indexed PNG its objects."""

@@ -78,8 +78,7 @@ def _credible(share: np.ndarray, same: np.ndarray, others: np.ndarray | None = N
     edges = np.flatnonzero(np.diff(same.astype(int), prepend=0, append=0))
     leap, credible, short = _LEAP if others is None else _LEAP_OF_ONE, np.zeros(len(same), bool), []
     for first, end in edges.reshape(-1, 2).tolist():
-        last = end == len(same)
-        stops_at_once = first == 1 or share[first - 1] > _MOVING
+        last, stops_at_once = end == len(same), first == 1 or share[first - 1] > _MOVING
         if not stops_at_once or (others is not None and others[first:end].mean() < _MOVING):
             continue
         if end - first > _SHORT:

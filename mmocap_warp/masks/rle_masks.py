@@ -44,8 +44,7 @@ class RleMasks:
 
     def _frame(self, number: int) -> Labels:
         width, height = self.size
-        image = np.zeros((height, width), np.uint32)
-        masks = {}
+        image, masks = np.zeros((height, width), np.uint32), {}
         for identity, rle in self.frames[number].items():
             with input_errors(f"{self.path}: frame {number}", "{error}", _REMEDY, ValueError):
                 masks[identity] = decode_rle(rle["counts"], height, width)
@@ -90,8 +89,7 @@ def decode_rle(counts: Any, height: int, width: int) -> np.ndarray:
         raise ValueError("its run lengths are not whole numbers")
     if sum(lengths) != height * width:
         raise ValueError(f"its run lengths add up to {sum(lengths)}, not to {height} x {width} pixels")
-    values = np.arange(len(lengths)) % 2 == 1
-    return np.repeat(values, lengths).reshape(width, height).T
+    return np.repeat(np.arange(len(lengths)) % 2 == 1, lengths).reshape(width, height).T
 
 
 def _unpack_string(text: str) -> list[int]:

@@ -57,8 +57,7 @@ class GaussianBackground:
         # Most pixels differ from the background, in whole gray levels, by less than any that are far can.
         least = math.floor(self._settings.threshold * self._settings.noise / math.sqrt(3) - 1)
         background = cv2.multiply(self._mean, np.append(gain, 0.0), dtype=cv2.CV_16S)
-        difference = cv2.subtract(image, background, dtype=cv2.CV_16S)
-        far = cv2.inRange(difference, (-least,) * 3, (least,) * 3) == 0
+        far = cv2.inRange(cv2.subtract(image, background, dtype=cv2.CV_16S), (-least,) * 3, (least,) * 3) == 0
         far[far] = self._far(image[far], self._mean[far] * gain, self._deviation[far])
         return far
 

@@ -51,8 +51,7 @@ def visual_hull(rig: CameraRig, observation: Observation, spacing: float = 0.03,
     tolerate = min(tolerate, len(judging) - 2)
     if tolerate < 0:
         return np.empty((0, 3))
-    rig = rig.select(tuple(rig.names[k] for k in judging))
-    masks = [masks[k] for k in judging]
+    rig, masks = rig.select(tuple(rig.names[k] for k in judging)), [masks[k] for k in judging]
     centre = meeting_point(rig, [own[k] for k in judging])
     coarse_grid = _grid(centre - _REACH, centre + _REACH, _COARSE_SPACING)
     coarse = _carve(rig, _grow_masks(rig, masks, centre), coarse_grid, tolerate)
@@ -165,8 +164,7 @@ def repair_masks(rig: CameraRig, masks: list[np.ndarray], each: Callable[..., It
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     if len(seen) < 3:
         return list(masks)
-    subject = meeting_point(rig, masks)
-    others = [[j for j in seen if j != k] for k in range(len(masks))]
+    subject, others = meeting_point(rig, masks), [[j for j in seen if j != k] for k in range(len(masks))]
     repaired = dict(zip(seen, each(lambda k: _repair(rig, masks, k, others[k], subject), seen), strict=True))
     return [repaired.get(k, mask) for k, mask in enumerate(masks)]
 

@@ -142,7 +142,6 @@ def _skeleton(skeleton: Skeleton, thing: Attachment, carrier: int, frame: np.nda
     first = TRANSLATION + 3 * count
     searched = [first + i for i in range(3) if slides]
     searched += [first + 3 * len(slides) + "xyz".index(axis) for axis in free]
-    spread = [*(_PLACE_SPREAD for _ in slides), _TURN_SPREAD]
     unlimited = np.tile(np.array([-np.inf, np.inf], np.float32), (len(joints), 3, 1))
     return replace(
         skeleton,
@@ -150,7 +149,7 @@ def _skeleton(skeleton: Skeleton, thing: Attachment, carrier: int, frame: np.nda
         parent=(*skeleton.parent, carrier, *range(count, count + len(slides))),
         frame=np.concatenate([skeleton.frame, np.tile(frame.astype(np.float32), (len(joints), 1, 1))]),
         limits=np.concatenate([skeleton.limits, unlimited]),
-        spread=np.concatenate([skeleton.spread, spread]),
+        spread=np.concatenate([skeleton.spread, [*(_PLACE_SPREAD for _ in slides), _TURN_SPREAD]]),
         models={number: np.append(index, searched).astype(np.int32) for number, index in skeleton.models.items()},
         parts=(*skeleton.parts, thing.name),
         part=(*skeleton.part, *(part for _ in joints)),

@@ -29,8 +29,7 @@ def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.n
     """
     if not is_closed(face):
         raise ValueError("only a closed mesh can be decimated")
-    mesh = _Collapsing(vertex, face)
-    quadric = _quadrics(vertex, face)
+    mesh, quadric = _Collapsing(vertex, face), _quadrics(vertex, face)
     homogeneous = np.c_[vertex, np.ones(len(vertex))]
 
     def error(gone: int, kept: int) -> float:

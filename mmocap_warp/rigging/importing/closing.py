@@ -204,10 +204,9 @@ def _shared_edges(face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray,
 
 def joined_meshes(parts: list[ClosedMesh], vertices: int, done: str) -> ClosedMesh:
     """Several closed meshes over the same ``vertices`` as one."""
-    first = vertices + np.cumsum([0, *(len(part.added) for part in parts)])
     faces = [
         np.where(part.face < vertices, part.face, part.face - vertices + start)
-        for part, start in zip(parts, first, strict=False)
+        for part, start in zip(parts, vertices + np.cumsum([0, *(len(part.added) for part in parts)]), strict=False)
     ]
     added, beside = (np.concatenate([each[i] for each in parts]) for i in range(2))
     return ClosedMesh(added, beside, np.concatenate(faces), done)
@@ -227,9 +226,7 @@ def consistently_wound(face: np.ndarray) -> np.ndarray | None:
     first, second, many = first // 3, second // 3, len(face)
     partners = np.concatenate([second + many * alike, second + many * ~alike])
     as_it_is, turned = _pieces(np.concatenate([first, first + many]), partners, 2 * many).reshape(2, -1)
-    if (as_it_is == turned).any():
-        return None
-    return np.where((turned < as_it_is)[:, None], face[:, ::-1], face)
+    return None if (as_it_is == turned).any() else np.where((turned < as_it_is)[:, None], face[:, ::-1], face)
 
 
 def outward(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
@@ -333,6 +330,5 @@ def _outside(tree, low: np.ndarray, size: float, shape: np.ndarray) -> np.ndarra
     distance, _ = tree.query(node, distance_upper_bound=(_SKIN + 2) * size)
     field: np.ndarray = np.minimum(distance / size, _SKIN + 2).reshape(shape) - _SKIN
     region, _ = label(field > 0)
-    hollow = (field > 0) & (region != region[0, 0, 0])
-    field[hollow] *= -1
+    field[(field > 0) & (region != region[0, 0, 0])] *= -1
     return field

@@ -258,9 +258,7 @@ def _plane_normal(points: np.ndarray, bent: float) -> np.ndarray | None:
         return None
     _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)
     spread = np.append(spread, 0.0)[:3]
-    if spread[1] < bent * spread[0] or spread[2] > _FLAT * spread[1]:
-        return None
-    return axes[2]
+    return None if spread[1] < bent * spread[0] or spread[2] > _FLAT * spread[1] else axes[2]
 
 
 def _hinge(before: np.ndarray, at: np.ndarray, end: np.ndarray, normal: np.ndarray, last: bool) -> Freedom:

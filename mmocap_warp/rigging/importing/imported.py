@@ -158,9 +158,8 @@ def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom],
     near_bind = stands and not mesh.rigid
     sliding = tuple(name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides)
     parts, part = joint_tree.parts_of(mesh.joints, mesh.parent, sliding)
-    place = list(range(TRANSLATION)) if freedom[0].free else []
     angles = [TRANSLATION + 3 * j + "xyz".index(axis) for j, how in enumerate(freedom) for axis in how.free]
-    searched = np.array([*place, *angles], np.int32)
+    searched = np.array([*(range(TRANSLATION) if freedom[0].free else ()), *angles], np.int32)
     if not len(searched):
         raise ValueError("no joint can move; free one in a joints file")
     return Skeleton(
@@ -246,8 +245,7 @@ def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tupl
         coordinates = skeleton.angles(skeleton.joints[joint])
         place[:, joint] = pose[:, :3] if parent < 0 else place[:, parent] + above @ (rest[joint] - rest[parent])
         if skeleton.slides[joint]:
-            held = above @ frame[joint]
-            shift = motion.world[:, joint, :3, 3] - place[:, joint]
+            held, shift = above @ frame[joint], motion.world[:, joint, :3, 3] - place[:, joint]
             pose[:, coordinates] = applied(transposed(held), shift)
             place[:, joint] += shift
             turned[:, joint] = above
@@ -287,8 +285,7 @@ def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> Rigged
     def moved(transform: np.ndarray) -> np.ndarray:
         result = np.zeros_like(transform)
         result[..., :3, :3] = turn @ nearest_rotation(transform[..., :3, :3])
-        result[..., :3, 3] = size * transform[..., :3, 3] @ turn.T
-        result[..., 3, 3] = 1.0
+        result[..., :3, 3], result[..., 3, 3] = size * transform[..., :3, 3] @ turn.T, 1.0
         return result
 
     return replace(

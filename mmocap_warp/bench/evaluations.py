@@ -122,8 +122,7 @@ def _cost(load: Workload, count: wp.array, device: str) -> Case:
 
     def check() -> Check:
         model, overlap = np.moveaxis(count.numpy().astype(float), -1, 0)
-        observed = load.observation.foreground
-        expected = np.mean(1 - overlap / 2 * (1 / model + 1 / observed), axis=1)
+        expected = np.mean(1 - overlap / 2 * (1 / model + 1 / load.observation.foreground), axis=1)
         apart = float(np.abs(cost.numpy() - expected).max())
         return Check(f"within {apart:.0e} of double precision", apart <= COST_APART)
 

@@ -50,8 +50,7 @@ def report_tables(report: Report, old: Report | None = None, answers: bool = Fal
     for row in report["measurements"]:
         if not row["group"].startswith("growth"):
             groups.setdefault(row["group"], []).append(row)
-    gpu = report["kind"] == "cuda"
-    return [_group_table(group, rows, gpu, before, answers) for group, rows in groups.items()]
+    return [_group_table(group, rows, report["kind"] == "cuda", before, answers) for group, rows in groups.items()]
 
 
 def _key(row: Row) -> str:

@@ -67,12 +67,11 @@ def run_suite(
         if not measured or rows[0].group != measured[-1].group:
             report_step(rows[0].group)
         measured += rows
-    others = package_versions(packages) | {"python": platform.python_version()}
     return {
         "format": FORMAT,
         "started": started.isoformat(timespec="seconds"),
         "seconds": time.perf_counter() - clock,
-        "versions": versions(plan.device) | others,
+        "versions": versions(plan.device) | package_versions(packages) | {"python": platform.python_version()},
         "device": wp.get_device(plan.device).name if plan.device != "cpu" else _processor(),
         "kind": "cpu" if plan.device == "cpu" else "cuda",
         "cores": os.cpu_count(),

@@ -81,8 +81,7 @@ def _columns(measures: Measures, run: RunMeasures) -> dict[str, Columns]:
     contacts: Columns = {}
     for side, foot in run.feet.items():
         contacts[f"{side}.on_floor"] = foot.on_floor.astype(int)
-        contacts[f"{side}.height_m"] = foot.height
-        contacts[f"{side}.speed_m_per_s"] = foot.speed
+        contacts[f"{side}.height_m"], contacts[f"{side}.speed_m_per_s"] = foot.height, foot.speed
     return {
         "angles": {f"{joint}.{name}_deg": each for joint, own in run.angles.items() for name, each in own.items()},
         "shifts": {f"{joint}.{axis}_m": each for joint, own in run.shifts.items() for axis, each in own.items()},

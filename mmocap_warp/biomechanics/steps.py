@@ -116,8 +116,7 @@ def _without_short_changes(on_floor: np.ndarray, seconds: np.ndarray) -> np.ndar
     """Contacts without short gaps, then without short contacts; what reaches the clip's ends counts as long."""
     lasting = on_floor.copy()
     for kind in (False, True):
-        changes = 1 + np.flatnonzero(np.diff(lasting))
-        for start, stop in pairwise(changes):
+        for start, stop in pairwise(1 + np.flatnonzero(np.diff(lasting))):
             if lasting[start] == kind and seconds[stop] - seconds[start] < SHORTEST:
                 lasting[start:stop] = not kind
     return lasting

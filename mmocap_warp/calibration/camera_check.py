@@ -157,9 +157,8 @@ def with_words(finding: Finding, adjustment: Adjustment) -> Finding:
     if finding.cause != _DISTORTION or finding.change is None:
         return finding
     # How far the distortion moves the middle of the image's shorter edge, in pixels of the calibrated images.
-    k = adjustment.given.names.index(finding.camera)
     camera = adjustment.scene.calibrated.select((finding.camera,))
-    radial = float(finding.change[k, camera_changes.RADIAL])
+    radial = float(finding.change[adjustment.given.names.index(finding.camera), camera_changes.RADIAL])
     focal, edge = camera.K[0, 0, 0], 0.5 * float(camera.size.max())
     what = "wrong" if camera.distortion.any() else "ignored"
     words = (
@@ -185,9 +184,8 @@ def changing_lags(adjustment: Adjustment, change: np.ndarray, person: Person) ->
         lags = np.array([peak(-each) for each in costs[:, moving, k].T]) - len(costs) // 2
         course = lag_course(middles[moving], lags)
         if course.changes:
-            cause = "dropped frames" if course.jump else "frame rate"
             fault = course.fault(source.name, scene.fps * source.rate * (1 + course.slope))
-            findings.append(Finding(source.name, cause, words=fault))
+            findings.append(Finding(source.name, "dropped frames" if course.jump else "frame rate", words=fault))
     return tuple(findings)
 
 

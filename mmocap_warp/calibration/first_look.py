@@ -190,8 +190,7 @@ def _worst_view(rig: CameraRig, frames: list[Silhouettes], now: Agreement) -> tu
     others = ([replace(frame, seeing=[j for j in frame.seeing if j != k]) for frame in frames] for k in range(len(rig)))
     shares = [agreement(rig, each).share for each in others]
     worst = int(np.argmax(shares))
-    agree = 1 - shares[worst] <= _LEFT * (1 - now.share)
-    return (worst, shares[worst]) if agree else (None, now.share)
+    return (worst, shares[worst]) if 1 - shares[worst] <= _LEFT * (1 - now.share) else (None, now.share)
 
 
 def _wrong_size(scene: Scene, body: BodyModel, extent: float) -> FirstLook | None:

@@ -83,8 +83,7 @@ class Silhouettes:
     @classmethod
     def of(cls, masks: Sequence[np.ndarray]) -> Self:
         """What is compared of the masks of a frame, per camera (height, width) bool."""
-        square = np.ones((3, 3), np.uint8)
-        grown = [cv2.dilate(mask.astype(np.uint8), square) for mask in masks]
+        grown = [cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) for mask in masks]
         centroids, diameters = np.full((len(masks), 2), np.nan), np.full(len(masks), np.nan)
         pixels = []
         for k, mask in enumerate(masks):
@@ -194,8 +193,7 @@ def repairs(rig: CameraRig) -> Iterator[tuple[Mistake, CameraRig]]:
 
 def _inverted(rig: CameraRig, some: list[int]) -> CameraRig:
     R, t = rig.R.copy(), rig.t.copy()
-    R[some] = rig.R[some].transpose(0, 2, 1)
-    t[some] = -np.einsum("kji,kj->ki", rig.R[some], rig.t[some])
+    R[some], t[some] = rig.R[some].transpose(0, 2, 1), -np.einsum("kji,kj->ki", rig.R[some], rig.t[some])
     return replace(rig, R=R, t=t)
 
 

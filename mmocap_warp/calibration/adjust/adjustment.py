@@ -73,8 +73,7 @@ class Adjustment:
 
     def __init__(self, scene: Scene, body: BodyModel, config: AdjustConfig) -> None:
         self.scene, self.config, self._body = scene, config, body
-        self.device = resolve_device(config.device)
-        self.threads = config.threads or available_threads()
+        self.device, self.threads = resolve_device(config.device), config.threads or available_threads()
         self.footage = Footage(scene, config.scale)
         self.given = self.footage.rig  # the cameras as they were calibrated, at the masks' size
         self.space = RestSpace(body)  # bodies around the generic one
@@ -151,8 +150,7 @@ class Adjustment:
             MatchingConfig(), self.device, self.threads,
         )  # fmt: skip
         fitter.reshape(*self.space.at(self.space.nearest(person.subject.body), self._body.tracking_vertex))
-        lags = np.arange(-reach, reach + 1)
-        shifted = (person.motion.at(frames - lag * self.footage.fps / fps) for lag in lags)
+        shifted = (person.motion.at(frames - lag * self.footage.fps / fps) for lag in np.arange(-reach, reach + 1))
         return np.stack([fitter.linearise_views(np.arange(len(frames)), poses).cost for poses in shifted])
 
     def add_whole_lags(self, change: np.ndarray, person: Person) -> tuple[np.ndarray, Person]:
@@ -225,8 +223,7 @@ class Adjustment:
         if not self._world_floats:
             return own, np.eye(3), np.zeros(3)
         rig, given = changed(self.given, change), self.given
-        turn = given.R[fixed].T @ rig.R[fixed]
-        shift = given.R[fixed].T @ (rig.t[fixed] - given.t[fixed])
+        turn, shift = given.R[fixed].T @ rig.R[fixed], given.R[fixed].T @ (rig.t[fixed] - given.t[fixed])
         moved = difference(given, replace(rig, R=rig.R @ turn.T, t=rig.t - rig.R @ turn.T @ shift))
         moved[:, OFFSET] = own[:, OFFSET]
         return moved, turn, shift

@@ -57,10 +57,8 @@ class Deviations:
         Distortion is held.
         """
         sigma = np.zeros((len(rig), len(KINDS)))
-        sigma[:, ROTATION] = np.radians(self.rotation)
-        sigma[:, POSITION] = self.position
-        sigma[:, FOCAL] = self.focal
-        sigma[:, CENTRE] = self.centre * rig.size.max(axis=1)[:, None]
+        sigma[:, ROTATION], sigma[:, POSITION] = np.radians(self.rotation), self.position
+        sigma[:, FOCAL], sigma[:, CENTRE] = self.focal, self.centre * rig.size.max(axis=1)[:, None]
         sigma[:, OFFSET] = self.offset
         return sigma
 
@@ -111,8 +109,7 @@ def changed(rig: CameraRig, change: np.ndarray) -> CameraRig:
     """The cameras after a change (camera, parameter), as pinholes: their distortion stays."""
     from scipy.spatial.transform import Rotation
 
-    turned = Rotation.from_rotvec(-change[:, ROTATION]).as_matrix()
-    R = turned @ rig.R
+    R = Rotation.from_rotvec(-change[:, ROTATION]).as_matrix() @ rig.R
     centres = rig.centres + np.einsum("kji,kj->ki", rig.R, change[:, POSITION])
     K = rig.K.copy()
     K[:, [0, 1], [0, 1]] *= np.exp(change[:, FOCAL])[:, None]
@@ -164,8 +161,7 @@ def camera_jacobian(
     step[:, :, shift, ROTATION] = -np.cross(np.broadcast_to(turn, axes.shape), arm, axis=2)
     step[:, :, angle, ROTATION] = -np.linalg.solve(axes, np.broadcast_to(turn, axes.shape))
     # Position, lens and time act on their own.
-    step[:, :, shift, POSITION] = -transposed(rig.R)
-    step[:, :, dof:, LENS] = np.eye(4)
+    step[:, :, shift, POSITION], step[:, :, dof:, LENS] = -transposed(rig.R), np.eye(4)
     step[:, :, :dof, OFFSET] = -velocity[:, None]
     return step
 

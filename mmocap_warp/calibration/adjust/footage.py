@@ -73,8 +73,7 @@ class Motion:
         last = len(self.rooted) - 1
         at = np.clip(frame, 0, last)
         before = np.clip(np.floor(at).astype(int), 0, max(last - 1, 0))
-        after = np.minimum(before + 1, last)
-        share = at - before
+        after, share = np.minimum(before + 1, last), at - before
         one, other = self.rooted[before], self.rooted[after]
         return RootedPoses(between(one.base, other.base, share), one.pose + share[:, None] * (other.pose - one.pose))
 

@@ -67,8 +67,7 @@ def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray:
         pixels = [each[alive] for each in pixels] + [pixel[alive]]
     # The hull of the others is what nobody misses, and what this view alone misses.
     for number, k in enumerate(seeing):
-        hull = (outside_of == k) | (misses == 0)
-        share[k] = _covered_share(rig, k, centre, pixels[number][hull], masks[k])
+        share[k] = _covered_share(rig, k, centre, pixels[number][(outside_of == k) | (misses == 0)], masks[k])
     return share
 
 
@@ -110,8 +109,7 @@ def _covered_share(rig: CameraRig, k: int, centre: np.ndarray, pixels: np.ndarra
     drawn[pixels[within, 1], pixels[within, 0]] = 1
     depth = max(float((rig.R[k] @ centre + rig.t[k])[2]), 0.1)
     radius = max(1, int(np.ceil(0.5 * np.sqrt(2) * _SPACING * rig.K[k, 0, 0] / depth)))
-    covered = dilated(drawn, 2 * radius + 1).astype(bool)
-    return float((covered & mask).sum() / mask.sum())
+    return float((dilated(drawn, 2 * radius + 1).astype(bool) & mask).sum() / mask.sum())
 
 
 def landmarks(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray:
@@ -129,8 +127,7 @@ def landmarks(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray
                 continue
             pixels = np.stack([columns, rows], axis=1).astype(float)
             height = pixels @ up[k, :2]
-            highest = height >= np.quantile(height, 1 - _TOP_SHARE)
-            points[frame, k] = pixels.mean(axis=0), pixels[highest].mean(axis=0)
+            points[frame, k] = pixels.mean(axis=0), pixels[height >= np.quantile(height, 1 - _TOP_SHARE)].mean(axis=0)
     return points
 
 

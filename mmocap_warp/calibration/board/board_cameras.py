@@ -325,7 +325,5 @@ def on_floor(found: BoardCalibration, detections: Sequence[Detections], board: B
     _, turn, shift = cv2.solvePnP(board.corners[known], in_image, rig.K[k], rig.distortion[k])
     # The board's z points into the floor: turn it by half about x, so that z is up.
     to_camera = cv2.Rodrigues(turn)[0] @ np.diag([1.0, -1.0, -1.0])
-    to_first = rig.R[k].T @ to_camera
-    origin = rig.R[k].T @ (shift.ravel() - rig.t[k])
-    R = rig.R @ to_first
-    return replace(rig, R=R, t=rig.R @ origin + rig.t, up="+z")
+    to_first, origin = rig.R[k].T @ to_camera, rig.R[k].T @ (shift.ravel() - rig.t[k])
+    return replace(rig, R=rig.R @ to_first, t=rig.R @ origin + rig.t, up="+z")

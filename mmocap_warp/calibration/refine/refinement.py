@@ -239,10 +239,9 @@ def _held_out_overlaps(adjustment: Adjustment, person: Person, beta: np.ndarray,
     # Each view is judged by a body and poses that it had no part in, and by those of all views.
     views = range(len(rig))
     apart = [solved([each.without(view) for each in observations]) for view in np.eye(len(rig), dtype=bool)]
-    together = [solved(observations)] * len(rig)
     overlaps = [
         np.array([_mean_overlap(problem, solutions[k], k, velocity, observations) for k in views])
-        for solutions in (together, apart)
+        for solutions in ([solved(observations)] * len(rig), apart)
     ]
     return Overlaps(*overlaps)
 

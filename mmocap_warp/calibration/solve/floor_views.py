@@ -129,8 +129,7 @@ def place_on_floor(names: Sequence[str], views: Sequence[StandingView]) -> tuple
     seen = np.isfinite(tracks[..., 0])
     turn, shift = np.zeros((len(views), 2, 2)), np.zeros((len(views), 2))
     first = int(seen.sum(axis=1).argmax())
-    turn[first] = np.eye(2)
-    placed = [first]
+    turn[first], placed = np.eye(2), [first]
     while len(placed) < len(views):
         # Next is the view that shares most frames with the placed ones.
         known = seen[placed].any(axis=0)

@@ -45,8 +45,7 @@ def level_world(cameras: Pinholes, person: PersonInViews, stature: float | None)
     # The rotation that makes both planes level, and the scale that puts the heads at their height over the floor.
     turn, feet_height, top = _fit_two_planes(heads, feet, upright)
     scale = 1.0 if stature is None else (stature - _SOLE) / (top - feet_height)
-    floor = feet_height - _SOLE / scale
-    middle = np.append(np.median((heads @ turn.T)[:, :2], axis=0), floor)
+    middle = np.append(np.median((heads @ turn.T)[:, :2], axis=0), feet_height - _SOLE / scale)
     return replace(cameras, R=cameras.R @ turn.T, centre=scale * (cameras.centre @ turn.T - middle))
 
 
@@ -80,8 +79,7 @@ def _fit_two_planes(heads: np.ndarray, feet: np.ndarray, upright: np.ndarray) ->
 
     turn = np.eye(3)
     points = np.concatenate([heads, feet])
-    is_head = np.arange(len(points)) < len(heads)
-    middle = points.mean(axis=0)
+    is_head, middle = np.arange(len(points)) < len(heads), points.mean(axis=0)
     top, floor = np.median(heads[:, 2]), np.median(feet[:, 2])
     for _ in range(_REWEIGHTINGS):
         # Each point's distance from its plane gives its weight; heads and feet weigh alike in sum.

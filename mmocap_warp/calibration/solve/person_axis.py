@@ -45,8 +45,7 @@ class PersonInViews:
 def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> PersonInViews:
     """The person in every view, from the masks of each frame; ``sizes`` (camera, 2) are those of the images [px]."""
     frames = [[_whole_silhouette(mask) for mask in unpack_masks(each.words, sizes)] for each in observations]
-    arrays = ((2,), (2,), (CORNERS, 2))
-    head, foot, hull = (np.full((len(sizes), len(frames), *shape), np.nan) for shape in arrays)
+    head, foot, hull = (np.full((len(sizes), len(frames), *shape), np.nan) for shape in ((2,), (2,), (CORNERS, 2)))
     for k in range(len(sizes)):
         # A standing person's silhouette is longer than wide; its principal axis is the person's, up to the sign.
         standing, axes = {}, []

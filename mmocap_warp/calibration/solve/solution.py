@@ -91,8 +91,7 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
         raise ValueError("cameras are solved from two views at least; this scene has one")
     thinned, scale, person = _seen_person(scene)
     stature = _WALKING * height
-    guessed = scene.calibration is None
-    names = scene.calibrated.names
+    guessed, names = scene.calibration is None, scene.calibrated.names
     # The lenses, all at the origin; with a usual focal length where no calibration is named.
     lenses = scene.rig(scale)
     focal = np.repeat(_GUESS * lenses.size.max(axis=1, keepdims=True), 2, axis=1)
@@ -246,5 +245,4 @@ def _scene_rig(scene: Scene, cameras: Pinholes, start: Pinholes, path: np.ndarra
         K[:, 0, 0] = K[:, 1, 1] = _GUESS * calibrated.size.max(axis=1)
     K[:, [0, 1], [0, 1]] *= cameras.focal / start.focal
     R = cameras.R @ turn.T
-    centre = cameras.centre @ turn.T
-    return replace(calibrated, K=K, R=R, t=-np.einsum("kij,kj->ki", R, centre)), path @ turn.T
+    return replace(calibrated, K=K, R=R, t=-np.einsum("kij,kj->ki", R, cameras.centre @ turn.T)), path @ turn.T

@@ -169,8 +169,7 @@ def _normal_equations(
     cameras: Pinholes, tangents: Tangents, outlier: float, guess: np.ndarray, free_focal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The Gauss-Newton matrix and gradient, (7 camera, 7 camera) and (7 camera,)."""
-    count = len(cameras.R)
-    now = residuals(cameras, tangents)
+    count, now = len(cameras.R), residuals(cameras, tangents)
     weight = 1 / (1 + (now / outlier) ** 2)
     # Derivatives of each residual by the parameters of its two cameras, by differences.
     rows = np.zeros((len(now), count, 7))
@@ -183,8 +182,7 @@ def _normal_equations(
             rows[mine, k, column] = (residuals(cameras.moved(step), part) - now[mine]) / _NUDGE
     # The normal equations, with the prior of the free focal lengths.
     flat = rows.reshape(len(now), -1)
-    information = flat.T @ (weight[:, None] * flat)
-    gradient = flat.T @ (weight * now)
+    information, gradient = flat.T @ (weight[:, None] * flat), flat.T @ (weight * now)
     if free_focal.any():
         by_zoom = np.stack([_prior(each, outlier) for each in np.eye(count)[free_focal]], axis=1)
         zooms = 7 * np.flatnonzero(free_focal) + 6

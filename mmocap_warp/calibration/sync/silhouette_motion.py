@@ -89,8 +89,7 @@ def _changes(before: np.ndarray, mask: np.ndarray, shape_before: np.ndarray, sha
 
 def _interpolate_gaps(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Values (frame, signal) with unknown frames on the line between their known neighbours."""
-    at = np.flatnonzero(known)
-    frames = np.arange(len(values))
+    at, frames = np.flatnonzero(known), np.arange(len(values))
     return np.stack([np.interp(frames, at, column[at]) for column in values.T], axis=1) if len(at) else 0.0 * values
 
 

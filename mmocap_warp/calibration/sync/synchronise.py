@@ -173,8 +173,7 @@ def _offsets_by_motion(signals: list[np.ndarray], fps: float, within: float) -> 
     """Scores of all lags, and the offsets; short ones unless long ones score much higher."""
     most = max(1, min(round(within * fps), int(_MAX_SHARE * min(map(len, signals)))))
     scores = pair_scores(signals, LIKE, fps, most)
-    near = scores.within(min(most, round(_SHORT * fps)))
-    short, long = common_offsets(near), common_offsets(scores)
+    short, long = common_offsets(scores.within(min(most, round(_SHORT * fps)))), common_offsets(scores)
     return scores, long if scores.total(long) > _LONG_SCORE_RATIO * scores.total(short) else short
 
 

@@ -51,8 +51,7 @@ class Window:
 
     def points(self, pixels: np.ndarray) -> np.ndarray:
         """Where image points (n, 2) lie in the drawing; pixel centres are at integers in both."""
-        scale = np.divide(self.size, self.extent)
-        return (pixels - self.corner + 0.5) * scale - 0.5
+        return (pixels - self.corner + 0.5) * np.divide(self.size, self.extent) - 0.5
 
     def picture(self, image: np.ndarray, image_size: tuple[int, int], interpolation: int) -> np.ndarray:
         """The part of an image, resized; the image may have another resolution than the camera's ``image_size``."""

@@ -33,8 +33,7 @@ def plot_angles(path: Path, measures: Measures) -> None:
         raise ValueError("measures must have joint angles")
     parts = []
     for number, (joint, panels) in enumerate(rows.items()):
-        top = _LEGEND + number * _ROW
-        width = (_WIDTH - _LEFT - _RIGHT) / len(panels)
+        top, width = _LEGEND + number * _ROW, (_WIDTH - _LEFT - _RIGHT) / len(panels)
         for column, (name, curves) in enumerate(panels.items()):
             left = _LEFT + column * width
             parts.append(_panel(f"{joint}: {name} [°]", measures.seconds, curves, left, left + width - 40, top))
@@ -87,10 +86,9 @@ def _track(x: Axis, y: Axis, seconds: np.ndarray, values: np.ndarray) -> str:
 
 def _bars(foot: Foot, seconds: np.ndarray, x: Axis, height: float) -> str:
     """A line from the first frame of each contact to the first after it."""
-    changes = [0, *(1 + np.flatnonzero(np.diff(foot.on_floor))).tolist(), len(seconds)]
     return "".join(
         line((x.at(seconds[start]), height), (x.at(seconds[min(stop, len(seconds) - 1)]), height), "curve")
-        for start, stop in pairwise(changes)
+        for start, stop in pairwise([0, *(1 + np.flatnonzero(np.diff(foot.on_floor))).tolist(), len(seconds)])
         if foot.on_floor[start]
     )
 

@@ -314,8 +314,7 @@ def video_layout(result: Result, whole: bool = False, others: Sequence[Result] =
     sizes, count = result.cameras.size.astype(float), len(result.frame_numbers)
     boxes = np.stack([np.zeros_like(sizes), sizes], axis=1)
     if not whole:
-        bodies = [_project_run(each, each.best_run) for each in (result, *others)]
-        boxes = _boxes(bodies, _spread(count, _BOX_FRAMES))
+        boxes = _boxes([_project_run(each, each.best_run) for each in (result, *others)], _spread(count, _BOX_FRAMES))
     # Boxes grow to one shape, as far as the images reach: then they fill the cells of a grid.
     extent = boxes[:, 1] - boxes[:, 0]
     shape = float(np.median(extent[:, 0] / extent[:, 1]))

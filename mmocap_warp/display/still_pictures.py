@@ -65,8 +65,7 @@ def floor_picture(shown: Sequence[np.ndarray], rig: CameraRig, heads: np.ndarray
     width = max(row.shape[1] for row in rows)
     banner = np.full((32, width, 3), PAPER, np.uint8)
     write_text(banner, title, (8, 6))
-    padded = [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows]
-    return np.concatenate([banner, *padded])
+    return np.concatenate([banner, *[np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows]])
 
 
 def _draw(canvas: np.ndarray, camera: CameraRig, heads: np.ndarray, frame: int) -> None:
@@ -96,8 +95,7 @@ def _draw_line(
     canvas: np.ndarray, camera: CameraRig, start: np.ndarray, end: np.ndarray, colour: Colour, width: int
 ) -> None:
     pieces = max(2, int(np.ceil(np.linalg.norm(end - start) / _PIECE)) + 1)
-    pixels = project(camera, np.linspace(start, end, pieces))[0]
-    for one, other in pairwise(pixels):
+    for one, other in pairwise(project(camera, np.linspace(start, end, pieces))[0]):
         ends = np.array([one, other])
         if np.isfinite(ends).all() and np.abs(ends).max() < 1e5:
             (x, y), (to_x, to_y) = np.rint(ends).astype(int).tolist()
@@ -110,8 +108,7 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
     Each searched angle is a line along its axis, and an arc from its lowest to its highest value; what slides has a
     line from its lowest to its highest place.
     """
-    rest = body.tracking.rest.astype(float)
-    points = np.concatenate([rest, body.joint_rest, *_slides(body).values()])
+    points = np.concatenate([body.tracking.rest.astype(float), body.joint_rest, *_slides(body).values()])
     low, high = points.min(axis=0), points.max(axis=0)
     views = [_view(body, name, low, high) for name in _VIEWS]
     tall = max(view.shape[0] for view in views)
@@ -121,8 +118,7 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
         canvas[_HEADER : _HEADER + view.shape[0], left : left + view.shape[1]] = view
         write_text(canvas, name, (left + 8, _HEADER + 8))
         left += view.shape[1]
-    skeleton = body.skeleton
-    size = high - low
+    skeleton, size = body.skeleton, high - low
     text = f"{body.name}   {size[0]:.3g} x {size[1]:.3g} x {size[2]:.3g} m   {len(skeleton.joints)} joints   "
     end = write_text(canvas, f"{text}{len(skeleton.searched())} degrees of freedom", (8, 9))
     moves = "turns about, slides along" if skeleton.sliding else "turns about"
@@ -186,13 +182,11 @@ def _view(body: BodyModel, name: str, low: np.ndarray, high: np.ndarray) -> np.n
 def _draw_freedom(sheet: _Sheet, body: BodyModel, joint: int, axis: int, extent: float) -> None:
     """The axis, and an arc around it from the lowest angle to the highest, with a spoke where the bind pose is."""
     frame, centre = body.skeleton.frame[joint].astype(float), body.joint_rest[joint].astype(float)
-    colour = _AXIS_COLOURS["xyz"[axis]]
-    along = frame[:, axis]
+    colour, along = _AXIS_COLOURS["xyz"[axis]], frame[:, axis]
     sheet.line(centre + _AXIS * extent * _BOTH_WAYS * along, colour, 2)
     low, high = np.clip(body.skeleton.limits[joint, axis].astype(float), -_WHOLE_TURN, _WHOLE_TURN)
     spoke = frame[:, 1 if axis != 1 else 2]  # y runs along the bone
-    angles = np.linspace(low, high, 25)
-    arc = turn("z", angles)[:, :, 0] @ np.stack([spoke, np.cross(along, spoke), along])
+    arc = turn("z", np.linspace(low, high, 25))[:, :, 0] @ np.stack([spoke, np.cross(along, spoke), along])
     sheet.line(centre + _ARC * extent * arc, colour)
     for end in (arc[0], arc[-1]):
         sheet.line(np.stack([centre, centre + _ARC * extent * end]), colour)

@@ -101,13 +101,11 @@ def _uncalibrated(given: tuple[CameraSource, ...], up: str, table: Table) -> tup
     for source, size in zip(given, sizes, strict=True):
         if size is None:
             raise table.error(f"camera '{source.name}' has neither masks nor a video", "add one of them")
-    images = np.array(sizes)
-    K = np.zeros((len(given), 3, 3))
+    images, K = np.array(sizes), np.zeros((len(given), 3, 3))
     K[:, [0, 1], [0, 1]] = images.max(axis=1, keepdims=True)
     K[:, :2, 2], K[:, 2, 2] = 0.5 * (images - 1), 1.0
-    names = tuple(source.name for source in given)
     R, t = np.tile(np.eye(3), (len(given), 1, 1)), np.zeros((len(given), 3))
-    rig = CameraRig(names, K, R, t, images, np.zeros((len(given), 5)), up)
+    rig = CameraRig(tuple(source.name for source in given), K, R, t, images, np.zeros((len(given), 5)), up)
     return tuple(replace(s, recorded_scale=1.0, recorded_offset=(0.0, 0.0)) for s in given), rig
 
 
@@ -181,8 +179,7 @@ def _check_drift(sources: list[CameraSource], fps: float, table: Table) -> None:
     if not rates:
         return
     slow, fast = min(rates, key=lambda name: rates[name]), max(rates, key=lambda name: rates[name])
-    count = min(map(len, videos.values()))
-    drift = (rates[fast] - rates[slow]) / fps * count
+    drift = (rates[fast] - rates[slow]) / fps * min(map(len, videos.values()))
     if drift > 1:
         raise table.error(
             f"{slow} has {rates[slow]:g} frames a second and {fast} {rates[fast]:g}: they end {drift:.1f} frames apart",

@@ -283,8 +283,7 @@ def _refuse(file: Path, place: Path) -> None:
         other = "camera_array_aniposelib.toml, which Caliscope writes in the project's folder"
         raise InputError(file, problem, f"calibrate that, too, give {other}, {_SOLVE}")
     if file.suffix in (".pickle", ".pkl") and (is_calibration or "camera" in name):
-        opencap = "intrinsicsextrinsics" in name
-        raise InputError(file, _PICKLE, _CONVERT.format("opencap") if opencap else _ANY_OTHER)
+        raise InputError(file, _PICKLE, _CONVERT.format("opencap") if "intrinsicsextrinsics" in name else _ANY_OTHER)
     by_ending = {
         ".xcp": ("Vicon", _CONVERT.format("vicon")),
         **dict.fromkeys((".mcal", ".cal"), ("OptiTrack", _CONVERT.format("optitrack"))),

@@ -55,8 +55,7 @@ def write_masks(
     Raises:
         InputError: images that turn out unreadable, a folder that cannot be written to, or a name that is not UTF-8.
     """
-    folder = Path(folder)
-    rig = scene.rig(scale)
+    folder, rig = Path(folder), scene.rig(scale)
     folders = [folder / file_name(name, scene.path) for name in rig.names]
     about = masked_scene(scene, folder, scale).encode()  # refuses names that it cannot hold, before any work
     with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
@@ -183,10 +182,9 @@ def _key_lines(values: Mapping[str, str | None]) -> list[str]:
 
 def _placement(source: CameraSource, fps: float) -> dict[str, str | None]:
     """The keys that place a camera's images in time and space, where they differ from the defaults."""
-    offset = (source.frame_offset + source.fraction) / (fps * source.rate)
     placed, corner = source.recorded_scale != 1 or source.recorded_offset != (0.0, 0.0), list(source.recorded_offset)
     return {
-        "offset": repr(offset) if source.fraction else None,
+        "offset": repr((source.frame_offset + source.fraction) / (fps * source.rate)) if source.fraction else None,
         "frame_offset": str(source.frame_offset) if source.frame_offset and not source.fraction else None,
         "fps": repr(fps * source.rate) if source.rate != 1.0 else None,
         "centre_shift": str(list(source.centre_shift)) if source.centre_shift != (0.0, 0.0) else None,

@@ -245,8 +245,7 @@ class Scene:
         self, scale: float, first: int, count: int | None, body: BodyMasks | None, hides: bool = False
     ) -> Iterator[tuple[list[np.ndarray], list[np.ndarray]]]:
         """Each frame's masks, and where that is asked what ``hides`` the person; an image is read once for both."""
-        wanted = self._numbers(first, count)
-        rig = self.rig(scale)
+        wanted, rig = self._numbers(first, count), self.rig(scale)
         # A frame has the same mask wherever reading starts, so what is remembered is gathered from the first frame on.
         follows_masks = self.foreground.keep == "nearest" and body is None
         followed = self.frames[: first + len(wanted)] if follows_masks else wanted

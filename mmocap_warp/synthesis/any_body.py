@@ -48,8 +48,7 @@ def recorded(
     """
     if cameras < 1 or min(size) < 1:
         raise ValueError(f"cameras must be at least 1 and images at least 1 x 1, got {cameras} and {size}")
-    base = upright_base("+z")
-    poses = motion.pose.copy()
+    base, poses = upright_base("+z"), motion.pose.copy()
     poses[:, :3] = poses[:, :3] @ base.T
     poser = ExactPoser(body, base)
     used = np.unique(body.skin.face)

@@ -12,8 +12,7 @@ class ExactPoser:
     """Poses a body in the world; it takes and gives what :class:`mmocap_warp.body.posing.Poser` does."""
 
     def __init__(self, body: BodyModel, root_base: np.ndarray) -> None:
-        self._body = body
-        self._root_base = root_base
+        self._body, self._root_base = body, root_base
         self._frame = body.skeleton.frame.astype(np.float64)
         self._joint_rest = body.joint_rest.astype(np.float64)
         self._rest = body.skin.rest.astype(np.float64)

@@ -49,8 +49,7 @@ class SkirtPoser(ExactPoser):
     def vertices(self, poses: np.ndarray) -> np.ndarray:
         """The body's vertices and the skirt's in the world for full poses (n, 51): (n, vertex, 3) float64 [m]."""
         posed = super().vertices(poses)
-        roots = self.joint_transforms(poses)[:, 0, :3]
-        for vertices, root in zip(posed, roots, strict=True):
+        for vertices, root in zip(posed, self.joint_transforms(poses)[:, 0, :3], strict=True):
             place, axes = root[:, 3], self._root_base.T @ root[:, :3]
             heading = np.arctan2(axes[0, 2], axes[2, 2])
             under = (vertices[:-_VERTICES][self._covered] - place) @ self._root_base
@@ -69,10 +68,8 @@ class SkirtPoser(ExactPoser):
         depth = np.linspace(0.0, 1.0, _LEVELS)[:, None]
         radius += _LOOSE + depth * (_FLARE + _FOLD * np.cos(_FOLDS * (angle - heading)))
         rings = np.empty((_LEVELS, _SIDES, 3))
-        rings[..., [0, 2]] = radius[..., None] * directions.T
-        rings[..., 1] = heights[:, None]
-        middles = np.array([[0.0, heights[0], 0.0], [0.0, heights[-1], 0.0]])
-        return np.concatenate([rings.reshape(-1, 3), middles])
+        rings[..., [0, 2]], rings[..., 1] = radius[..., None] * directions.T, heights[:, None]
+        return np.concatenate([rings.reshape(-1, 3), np.array([[0.0, heights[0], 0.0], [0.0, heights[-1], 0.0]])])
 
     @cached_property
     def _covered(self) -> np.ndarray:
@@ -91,8 +88,7 @@ def _convex_band(reach: np.ndarray) -> np.ndarray:
     """Distances from the middle (level, side) of a convex band around what reaches so far in each direction."""
     apart = np.arange(_SIDES) * (2 * np.pi / _SIDES)
     cosine = np.cos(apart[:, None] - apart)
-    bound = np.where(cosine > 0.1, reach[:, None, :] / np.where(cosine > 0.1, cosine, 1.0), np.inf)
-    return bound.min(axis=2)
+    return np.where(cosine > 0.1, reach[:, None, :] / np.where(cosine > 0.1, cosine, 1.0), np.inf).min(axis=2)
 
 
 def _faces() -> np.ndarray:

@@ -86,8 +86,7 @@ def view(
         masks = small_masks(_with_progress(together, len(positions), progress), cameras)
         if images:
             scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
-            seen = scene.of_frames(as_range(shown.frame_numbers.tolist()))
-            pictures = small_images(seen.images(scale), cameras)
+            pictures = small_images(scene.of_frames(as_range(shown.frame_numbers.tolist())).images(scale), cameras)
     calibrated = None if scene is None else scene.calibrated
     shown_people = [(look, each.at(positions)) for look, each, _ in people]
     html = filled(

@@ -26,9 +26,8 @@ class Surface:
     @classmethod
     def of(cls, face: np.ndarray) -> Self:
         """The edges of a mesh in which at most two faces meet at an edge, and run along it in opposite directions."""
-        corners = face.shape[1]
         edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
-        owner = np.repeat(np.arange(len(face)), corners)
+        owner = np.repeat(np.arange(len(face)), face.shape[1])
         size = int(face.max()) + 1
         key, against = edge @ (size, 1), edge @ (1, size)
         order = np.argsort(key)
@@ -79,8 +78,7 @@ def fill(start: np.ndarray, end: np.ndarray, sign: np.ndarray, width: int, heigh
     """
     mask = np.zeros((height, width), bool)
     above = start[:, 1] < end[:, 1]
-    upper = np.where(above[:, None], start, end)
-    lower = np.where(above[:, None], end, start)
+    upper, lower = np.where(above[:, None], start, end), np.where(above[:, None], end, start)
     first = np.clip(np.ceil(upper[:, 1]), 0, height).astype(np.int64)
     rows = np.clip(np.ceil(lower[:, 1]), 0, height).astype(np.int64) - first  # an edge has its upper end, not its lower
     total = int(rows.sum())

@@ -174,8 +174,7 @@ class Posture:
     """Pose vectors of one body, set part by part: root and legs, then :meth:`bend`, then the arms."""
 
     def __init__(self, body: BodyModel, frames: int) -> None:
-        self._body = body
-        self._poser = ExactPoser(body, np.eye(3))
+        self._body, self._poser = body, ExactPoser(body, np.eye(3))
         self._legs = {side: Leg.of(body, side) for side in "LR"}
         self._arms = {side: Arm.of(body, side) for side in "LR"}
         self.poses = np.zeros((frames, body.skeleton.coordinates))

@@ -149,8 +149,7 @@ def _nearest_axis(direction: np.ndarray) -> np.ndarray:
 def _frames_in_reach(root: np.ndarray) -> slice:
     """The frames about the middle one in which the root stays near to where it is then."""
     middle = len(root) // 2
-    away = np.hypot(*(root - root[middle])[:, [0, 2]].T)
-    beyond = np.flatnonzero(away > _REACH)
+    beyond = np.flatnonzero(np.hypot(*(root - root[middle])[:, [0, 2]].T) > _REACH)
     first = beyond[beyond < middle].max(initial=-1) + 1
     last = beyond[beyond > middle].min(initial=len(root))
     return slice(int(first), int(last))

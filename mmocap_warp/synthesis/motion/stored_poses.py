@@ -37,8 +37,7 @@ def unpack_poses(packed: np.ndarray) -> np.ndarray:
 
 def predicted_bits(poses: np.ndarray) -> np.ndarray:
     """(coordinate,) the bits of the pose after some, on the polynomial through the last of them."""
-    count = min(_PREDICTED_FROM, len(poses))
-    pose = np.zeros(poses.shape[1])
+    count, pose = min(_PREDICTED_FROM, len(poses)), np.zeros(poses.shape[1])
     for back in range(1, count + 1):
         pose -= (-1) ** back * comb(count, back) * poses[-back]
     return pose.view(np.int64)

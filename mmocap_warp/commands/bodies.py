@@ -166,8 +166,7 @@ def export_body(body: str | Path, output: str | Path, *, force: bool = False) ->
     Raises:
         InputError: there is no such body, or the file cannot be written.
     """
-    target = new_file(output, ".glb", force=force)
-    file = body_file(str(body))
+    target, file = new_file(output, ".glb", force=force), body_file(str(body))
     read, motions = read_body(file), read_motions(file)
     write_body_glb(read, motions, target)
     return BodyFile(read, target, motions)
@@ -199,12 +198,10 @@ def learn_body(
     """
     if not 0 <= margin <= 180:
         raise UsageError(f"--margin must be from 0 to 180 degrees, got {margin:g}")
-    target = new_file(output, *USD_SUFFIXES, force=force)
-    file = body_file(str(body))
+    target, file = new_file(output, *USD_SUFFIXES, force=force), body_file(str(body))
     read, own = read_body(file), read_motions(file)
     # All poses of the motions and results that are wanted.
-    wanted = motions or ([] if results else list(own))
-    poses = [motion_named(name, own, file).pose for name in wanted]
+    poses = [motion_named(name, own, file).pose for name in motions or ([] if results else list(own))]
     poses += [_tracked_poses(result, read.skeleton) for result in results]
     if not poses:
         raise InputError(file, "has no motions", "give a --result to learn from")

@@ -92,8 +92,7 @@ def _judged(
         report = evaluation.evaluate(result, truth, joint_set)
     except InputError as error:
         raise InputError(file or error.source, error.problem, error.remedy) from None
-    in_one_world = report.get("other_world") is None
-    return report, None if in_one_world else _other_world(report, file, axes, named_by)
+    return report, None if report.get("other_world") is None else _other_world(report, file, axes, named_by)
 
 
 def _other_world(report: dict[str, Any], truth: Path | None, axes: str, named_by: str) -> str:

@@ -148,9 +148,8 @@ def _beside(scene: Scene, name: str) -> Path:
 
 def _is_older(file: Path, scene: Scene) -> bool:
     """Whether a file is not there, or older than what people are told apart by in a scene."""
-    subjects = (person.subject for person in scene.people.values())
     masks = (each.masks.files for each in scene.cameras if each.masks)
-    given = {scene.path, scene.calibration, *chain(subjects, *masks)}
+    given = {scene.path, scene.calibration, *chain((person.subject for person in scene.people.values()), *masks)}
     return not file.exists() or max(each.stat().st_mtime for each in given if each) > file.stat().st_mtime
 
 

@@ -97,8 +97,7 @@ def fit(
         settings, frames = settings | {"frames": frames}, None
     loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
     chosen = effective(FitConfig, loaded.settings("fit"), settings, config)
-    generic = body_from(body, loaded)
-    poses = _start_poses(start_poses, body, loaded)
+    generic, poses = body_from(body, loaded), _start_poses(start_poses, body, loaded)
     start_warp(chosen.device)
     trusted = look_first(loaded, generic, reporter, trust_cameras)
     reporter.note(f"fit: {describe(chosen, loaded.fit if config is None else {}, settings)}")

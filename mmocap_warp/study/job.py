@@ -147,8 +147,7 @@ def code_of(config: TrackConfig, clip: Clip, solved: bool) -> str:
 
 def _covered(config: TrackConfig, clip: Clip, solved: bool) -> dict[str, bool]:
     """What a cell's code includes, see :func:`mmocap_warp.code_hash.code_hash`."""
-    contours = config.fits_contours or config.acceleration > 0 or solved
-    return {"contours": contours, "recorded": clip.scene is not None}
+    return {"contours": config.fits_contours or config.acceleration > 0 or solved, "recorded": clip.scene is not None}
 
 
 class _Pace:

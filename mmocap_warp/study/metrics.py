@@ -92,8 +92,7 @@ def jerk(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarra
     if len(step) < 3:
         return np.full(len(joints), np.nan)
     even = step == step.min()
-    whole = even[:-2] & even[1:-1] & even[2:]
-    third = np.diff(joints, n=3, axis=1)[:, whole] * (fps / step.min()) ** 3
+    third = np.diff(joints, n=3, axis=1)[:, even[:-2] & even[1:-1] & even[2:]] * (fps / step.min()) ** 3
     return pose_errors.nanmean(np.linalg.norm(third, axis=-1), axis=(1, 2))
 
 

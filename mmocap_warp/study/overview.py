@@ -119,8 +119,7 @@ def strangers_table(study: StudySummary, measure: Measure) -> Table | None:
             rows.append([str(who), *(shown(value, measure) for value in values)])
     if not cells:
         return None
-    caption = f"{measure.title}, mean over runs. {extent(cells)}."
-    return Table(caption, ["Tracker", *study.strangers, "mean"], rows)
+    return Table(f"{measure.title}, mean over runs. {extent(cells)}.", ["Tracker", *study.strangers, "mean"], rows)
 
 
 def rank_pairs(study: StudySummary, dof: int) -> Table | None:

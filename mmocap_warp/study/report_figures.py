@@ -92,8 +92,7 @@ def _drawn_curves(study: StudySummary, dof: int, budget: int) -> list[Contender]
     for who in study.others:
         if "+polish" not in who.algorithm:
             first.setdefault(who.algorithm.partition("+")[0], who)
-    grid = [Contender(name, dof, budget) for name in study.algorithms]
-    return [*grid, *first.values(), *study.baseline_contenders]
+    return [*(Contender(name, dof, budget) for name in study.algorithms), *first.values(), *study.baseline_contenders]
 
 
 def curves_legend(study: StudySummary) -> Html:
@@ -152,10 +151,8 @@ def _curves(
         y = chart.logarithmic(low * 0.9, high * 1.1, bottom, _TOP)
     else:
         y = chart.axis(0.0, high * 1.05, bottom, _TOP)
-    parts = [chart.axes(x, y, x_label, measure.title)]
-    for name in reversed(points):
-        parts.append(chart.curve(x, y, zip(*points[name], strict=True), escape(mark_class(name))))
-    return chart.figure((_WIDTH, height), label, parts)
+    lines = (chart.curve(x, y, zip(*points[key], strict=True), escape(mark_class(key))) for key in reversed(points))
+    return chart.figure((_WIDTH, height), label, [chart.axes(x, y, x_label, measure.title), *lines])
 
 
 def baseline_words(study: StudySummary, measure: Measure) -> str:
@@ -259,10 +256,8 @@ def _by_budget(study: StudySummary, dof: int, value_of: Callable[[Contender], fl
     low = min(known) - 0.1 * (high - min(known)) if high <= 1.0 else 0.0
     y = chart.axis(low, high * 1.04, bottom, _TOP)
     x = chart.Axis(0.0, study.budgets[-1] * 1.04, _LEFT, width - _RIGHT, tuple(study.budgets))
-    parts = [chart.axes(x, y, "evaluations per frame", unit)]
-    for name, measured in reversed(points.items()):
-        parts.append(_marked(name, chart.curve(x, y, measured) + chart.dots(x, y, measured)))
-    return chart.figure((width, height), label, parts)
+    curves = (_marked(name, chart.curve(x, y, of) + chart.dots(x, y, of)) for name, of in reversed(points.items()))
+    return chart.figure((width, height), label, [chart.axes(x, y, "evaluations per frame", unit), *curves])
 
 
 def _spread_axis(spread: np.ndarray, measure: Measure, bottom: float) -> chart.Axis:

@@ -73,8 +73,7 @@ def best_and_worst(
     study: StudySummary, measure: Measure, ranking: Ranking, clips: Mapping[str, Clip]
 ) -> Iterator[tuple[Picture, Picture]]:
     """The control's best and worst frame of each sequence whose recording is at hand."""
-    control = ranking.rows[0].contender
-    for sequence, cell in study.known(control, ranking.sequences, measure).items():
+    for sequence, cell in study.known(ranking.rows[0].contender, ranking.sequences, measure).items():
         if sequence in clips:
             places = extreme_frames(cell, measure)
             recording = open_recording(clips[sequence], [int(cell.frames[place]) for place in places])

@@ -25,13 +25,12 @@ def trackers_section(study: StudySummary) -> Section | None:
     if not placed and table is None and not study.baselines:
         return None
     if placed:
-        who = [each for each in study.contenders if each.algorithm in placed]
         caption = fill(
             "trackers-caption",
             measure=main.label,
             sequences=over(study.sequences),
             dof=study.models[0],
-            extent=extent(study.cells_of(who, main)),
+            extent=extent(study.cells_of([each for each in study.contenders if each.algorithm in placed], main)),
             budgets=listed(study.budgets),
             seconds=f"{paper.SECONDS_PER_500:g}",
         )

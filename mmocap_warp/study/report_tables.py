@@ -48,10 +48,9 @@ def ranking_rows(rankings: Sequence[Ranking], strong: Callable[[str], str]) -> l
         p = p_value(row.comparison.p)
         return [Name(row.contender), f"{row.comparison.rank:.3f}", strong(p) if row.comparison.rejected else p]
 
-    side_by_side = zip_longest(*(ranking.rows for ranking in rankings))
     return [
         [*chain.from_iterable(map(cells, rows)), f"{ALPHA / place:.3f}" if place else ""]
-        for place, rows in enumerate(side_by_side)
+        for place, rows in enumerate(zip_longest(*(ranking.rows for ranking in rankings)))
     ]
 
 

@@ -178,6 +178,5 @@ def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.nda
     floor = upright_base("+z") @ heading_rotation(heading)  # the world from the axes that motions are written in
     base = np.round(floor @ heading_rotation(float(np.arctan2(turned[0, 0, 2], turned[0, 2, 2]))), _DIGITS)
     moved = poses.copy()
-    moved[:, :3] = poses[:, :3] @ floor.T
-    moved[:, 3:6] = zyx_angles(base.T @ floor @ turned)
+    moved[:, :3], moved[:, 3:6] = poses[:, :3] @ floor.T, zyx_angles(base.T @ floor @ turned)
     return base, np.round(moved, 9)

@@ -82,16 +82,14 @@ def against_control(average_rank: np.ndarray, blocks: int) -> list[Comparison]:
 
     k = len(average_rank)
     order = np.argsort(average_rank, kind="stable")
-    best = float(average_rank[order[0]])
-    error = float(np.sqrt(k * (k + 1) / (6 * blocks)))
+    best, error = float(average_rank[order[0]]), float(np.sqrt(k * (k + 1) / (6 * blocks)))
     rows = [Comparison(int(order[0]), best, 0.0, np.nan, np.nan, np.nan, False)]
     still, adjusted = True, 0.0
     for place in range(k, 1, -1):  # from the worst, whose p is the smallest
         algorithm = int(order[place - 1])
         z = (float(average_rank[algorithm]) - best) / error
         p, threshold = 2 * float(norm.sf(z)), ALPHA / (place - 1)
-        still = still and p < threshold
-        adjusted = max(adjusted, min(1.0, (place - 1) * p))
+        still, adjusted = still and p < threshold, max(adjusted, min(1.0, (place - 1) * p))
         rows.insert(1, Comparison(algorithm, float(average_rank[algorithm]), z, p, threshold, adjusted, still))
     return rows
 

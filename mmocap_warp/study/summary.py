@@ -114,8 +114,7 @@ def summarise(result: CellResult) -> CellSummary:
         key, values = measure.key, _values(result, measure)
         if values is not None:
             runs[key] = nanmean(values, axis=1)
-            spread[key] = np.nanquantile(values, (0, 0.25, 0.5, 0.75, 1))
-            curve[key] = nanmedian(values)
+            spread[key], curve[key] = np.nanquantile(values, (0, 0.25, 0.5, 0.75, 1)), nanmedian(values)
             floor = float(np.mean(once.get(f"{key}_floor", np.nan))) * measure.factor
             floors |= {key: floor} if np.isfinite(floor) else {}
         elif key in once and np.isfinite(once[key]).all():
@@ -163,8 +162,7 @@ class StudySummary:
         self.grid = [cell for cell in searches if cell.sequence not in _OF_STRANGERS] or searches
         self.sequences = _in_action_order(cell.sequence for cell in self.grid)  # of the grid
         # people outside the family of the tracker's bodies, who stand apart from the grid
-        strangers = ({cell.sequence for cell in main} & _OF_STRANGERS) - set(self.sequences)
-        self.strangers = _in_action_order(strangers)
+        self.strangers = _in_action_order(({cell.sequence for cell in main} & _OF_STRANGERS) - set(self.sequences))
         self.algorithms = in_order(cell.algorithm for cell in self.grid)  # of the grid, see :func:`in_order`
         # Those that search part by part: one half of the paper's Fig. 7 and, as far as its text tells, Table 6; and
         # those that search all at once: Table 7. What this process has not registered is in neither.

@@ -46,8 +46,7 @@ def check(call: Any, loaded: Scene) -> Answer:
     lines += [str(picture) for picture in result.pictures]
     if not result.findings:
         lines.append("no camera disagrees with the others")
-    refined = loaded.path.parent / "calibration-refined.toml"
-    step = next_step("calib", "refine", loaded.path, "-o", refined)
+    step = next_step("calib", "refine", loaded.path, "-o", loaded.path.parent / "calibration-refined.toml")
     if can_be_refined := bool(result.findings) and all(finding.change is not None for finding in result.findings):
         lines.append(f"next: {step}")
     values = {

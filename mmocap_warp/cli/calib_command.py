@@ -153,8 +153,7 @@ def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | Non
     cameras = []
     for k, name in enumerate(rig.names):
         centre = rig.centres[k] + 0.0  # no negative zeros
-        focal = rig.K[k, 0, 0]
-        used = "given" if not found.lens_frames[k] else str(found.lens_frames[k])
+        focal, used = rig.K[k, 0, 0], "given" if not found.lens_frames[k] else str(found.lens_frames[k])
         share = f"{100 * found.focal_sigma[k]:.2f} %"
         numbers = f"{found.rms[k]:.2f}", f"{focal:.1f}", share, *(f"{value:.3f}" for value in centre)
         rows.append((name, used, str(found.place_frames[k]), f"{100 * found.coverage[k]:.0f} %", *numbers))

@@ -107,8 +107,7 @@ def command(
                 # The function gets what it has a parameter for, each setting by its own name, and the console.
                 passed = {key: value for key, value in values.items() if key in own and key != "settings"}
                 passed |= given(values.get("settings")) | ({"reporter": console} if "reporter" in own else {})
-                function = getattr(import_module(f"mmocap_warp.commands.{module}"), function_name)
-                return function(**passed | changes)
+                return getattr(import_module(f"mmocap_warp.commands.{module}"), function_name)(**passed | changes)
 
             answer: Answer = print_answer(**{key: call if key == "call" else values[key] for key in needed})
             console.result(answer.values, "\n".join(map(str, answer.lines)))

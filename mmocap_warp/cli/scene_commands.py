@@ -111,10 +111,9 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
 
     loaded = load_scene(scene, masks=False)
     shown = call(scene=loaded)
-    have_masks = all(source.masks is not None for source in loaded.cameras)
     folder, options = loaded.path.parent, _scale_options(loaded)
     step = _track_step(loaded.path, folder, *options)
-    if not have_masks:
+    if any(source.masks is None for source in loaded.cameras):
         step = next_step("mask", loaded.path, "-o", folder / "masks", *options)
     values = {
         "cameras": [
@@ -173,8 +172,7 @@ def _offset_table(offsets: Synchronisation, timing: dict[str, dict[str, float]])
     rows = [("camera", "lag [frames]", "+-", "lag [s]", "sure", "next best by motion", "others agreeing")]
     for name, view in offsets.views.items():
         rival = f"{view.other:+d} scores {100 * min(view.rival, 9.99):.0f} %"
-        sure = "yes" if view.sure else "no"
-        seconds = f"{timing[name]['offset']:+.4f}"
+        sure, seconds = "yes" if view.sure else "no", f"{timing[name]['offset']:+.4f}"
         margin = f"{view.margin:.1f}" if isfinite(view.margin) else "-"
         rows.append((name, f"{view.frames:+d}", margin, seconds, sure, rival, f"{100 * view.agreeing:.0f} %"))
     return table(rows)

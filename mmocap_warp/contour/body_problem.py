@@ -37,8 +37,7 @@ class BodyProblem:
 
     def solved(self, frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray, steps: int = 12) -> BodySolution:
         """The body and its poses in frames by their numbers, from poses and parameters to start with."""
-        descent = _Descent(self, frames)
-        start = _State(rooted, np.asarray(beta, float))
+        descent, start = _Descent(self, frames), _State(rooted, np.asarray(beta, float))
         state, equations = descend(descent, start, descent.linearised(start), steps)
         anywhere = self.rooting.anywhere**-2.0
         information = equations.without_poses(equations.contour.with_prior(anywhere[self.still :])).matrix
@@ -138,8 +137,7 @@ class _Descent:
         self._trust, self._trust_of_base = Trust(is_length[self._still :]), Trust(is_length[: self._still])
 
     def linearised(self, state: _State) -> _Equations:
-        information = self._problem.sigma**-2.0
-        off = state.beta - self._problem.generic
+        information, off = self._problem.sigma**-2.0, state.beta - self._problem.generic
         base = np.zeros(self._still)  # is pulled nowhere
         matrix, pull = np.diag(np.concatenate([base, information])), np.concatenate([base, -information * off])
         cost = 0.5 * float(information @ off**2)

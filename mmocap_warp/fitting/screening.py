@@ -46,8 +46,7 @@ def screened_starts(space: ShapeSpace, frame: FirstFrame, hull: np.ndarray, pose
         scale = np.clip(np.sqrt(observation.foreground.sum() / np.maximum(area, 1)), _SMALLEST, _LARGEST)
         candidates = _turned_poses(space, poses, hull, scale)
         cost, _ = _judged(objective, candidates, seen)
-    best_first = np.argsort(cost, kind="stable")[: _COMPARED * most]
-    return _distinct(space, candidates[best_first], most)
+    return _distinct(space, candidates[np.argsort(cost, kind="stable")[: _COMPARED * most]], most)
 
 
 def _turned_poses(space: ShapeSpace, poses: np.ndarray, hull: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -41,8 +41,7 @@ def at_rate(result: Result, fps: float) -> Result:
     if not 0 < fps < np.inf:
         raise ValueError(f"fps must be positive, got {fps:g}")
     # The new frames lie within the result's own, but for rounding.
-    known = result.frame_numbers / result.fps
-    slack = _SAME_TIME / result.fps
+    known, slack = result.frame_numbers / result.fps, _SAME_TIME / result.fps
     numbers = np.arange(np.ceil((known[0] - slack) * fps), np.floor((known[-1] + slack) * fps) + 1).astype(int)
     if not len(numbers):
         raise ValueError(f"fps = {fps:g} has no frame in the {known[-1] - known[0]:.3g} s of the result")
@@ -74,8 +73,7 @@ def _poses_at(pose: np.ndarray, place: np.ndarray, is_length: np.ndarray) -> np.
     Angles go along rotations, coordinates that are lengths (coordinate,) bool along straight lines.
     """
     before = np.minimum(place.astype(int), max(len(pose) - 2, 0))
-    after = np.minimum(before + 1, len(pose) - 1)
-    share = (place - before)[:, None]
+    after, share = np.minimum(before + 1, len(pose) - 1), (place - before)[:, None]
     straight = (1 - share) * pose[before] + share * pose[after]
     near = straight[:, TRANSLATION:].reshape(len(place), -1, 3)
     first, second = (zyx_rotation(pose[frame, TRANSLATION:].reshape(near.shape)) for frame in (before, after))

@@ -115,12 +115,9 @@ class Checkpoint:
     """
 
     def __init__(self, path: Path, identity: Identity, state: TrackState, cameras: int) -> None:
-        self._path = path
-        self._identity = identity
-        self._state = state
-        self._header = _header(identity)
-        self._record = _record_type(state.pose, cameras)
-        self._memory_record = _memory_type(state.memory)
+        self._path, self._identity = path, identity
+        self._state, self._header = state, _header(identity)
+        self._record, self._memory_record = _record_type(state.pose, cameras), _memory_type(state.memory)
         self._memories = 2 if state.memory else 0
         self._turn = 0  # number of the place that the next save writes
         self._first = len(self._header) + self._memories * self._memory_record.itemsize  # byte of the first frame
@@ -201,8 +198,7 @@ class Checkpoint:
                 temporary = self._path.with_name(self._path.name + ".part")
                 temporary.write_bytes(self._header + place * self._memories + new)
                 os.replace(temporary, self._path)
-        self._turn = 1 - self._turn
-        self._saved = frames
+        self._turn, self._saved = 1 - self._turn, frames
         self._due = time.monotonic() + _INTERVAL
 
     def __enter__(self) -> Self:

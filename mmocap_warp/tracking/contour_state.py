@@ -76,8 +76,7 @@ class ContourState(TrackState):
         What was uncovered near each part, ``area`` (run, part) [m^2], exceeds the usual by ``excess``, likewise;
         ``astray`` (run,) says whether a limb is elsewhere, unless nearly all looks do.
         """
-        count = self.look_count + looked
-        outstanding = self.outstanding_count + (looked & astray)
+        count, outstanding = self.look_count + looked, self.outstanding_count + (looked & astray)
         doubt = astray & ~is_usual(outstanding, count)
         usual = np.where(np.isnan(self.uncovered_levels), area, self.uncovered_levels)
         usual = np.where((looked & ~doubt)[:, None], usual + _LEVEL_SHARE * (area - usual), self.uncovered_levels)

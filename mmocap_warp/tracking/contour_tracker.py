@@ -80,8 +80,7 @@ class ContourTracker:
         self.device = resolve_device(config.device)
         searched_by = config.algorithm if config.polish else CONTOUR_TRACKERS[config.algorithm]
         self.search = PoseSearch(subject, rig, config, ALGORITHMS[searched_by], abs(fps)) if searched_by else None
-        self._starts = RecoveryStarts(subject, rig, config)
-        candidates = config.runs * starts_per_run(config)
+        self._starts, candidates = RecoveryStarts(subject, rig, config), config.runs * starts_per_run(config)
         self._fitter = make_fitter(subject, rig, config, candidates)
         self._judge = make_objective(subject, rig, config, candidates)
         self.search_interval = 1
@@ -89,8 +88,7 @@ class ContourTracker:
         self._root_frame = RootFrame(subject, search_limits(subject, config), candidates, self.device)
         descent, judge = self._fitter.descent, self._judge
         self._answers = Download([descent.best, descent.tally, judge.cost, judge.count])
-        self._replays = Replays(self.device)
-        self._uncovered = UncoveredArea(subject, rig, self.device)
+        self._replays, self._uncovered = Replays(self.device), UncoveredArea(subject, rig, self.device)
         self._look_interval = look_interval(abs(fps))
         first = np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0)
         self._state, self._has_searched = ContourState.at(first, len(subject.body.skeleton.parts)), True
@@ -166,8 +164,7 @@ class ContourTracker:
     def _usual_starts(self) -> np.ndarray:
         """The last pose and where its motion leads (run, start, coordinate)."""
         last, before = self._state.pose, self._state.previous_pose
-        predicted = last + np.float32(_MOTION_KEPT) * (last - before)
-        return np.stack([last, self._starts.within_limits(predicted)], axis=1)
+        return np.stack([last, self._starts.within_limits(last + np.float32(_MOTION_KEPT) * (last - before))], axis=1)
 
     def _falls_short(
         self, answer: Candidates, fall: float = _SHORT_OVERLAP, exposed: float = _SHORT_EXPOSED

@@ -86,8 +86,7 @@ def collect(
     """Gather the answers of consecutive frames, or of those of the recording that ``frames`` names."""
     frames = range(len(answers)) if frames is None else frames
     rotation, translation = config.radii(fps / frames.step)
-    device = resolve_device(config.device)
-    dof = subject.body.skeleton.model_number(config.dof)
+    device, dof = resolve_device(config.device), subject.body.skeleton.model_number(config.dof)
     effective = {"dof": dof, "rotation_radius": rotation, "translation_radius": translation, "device": device}
     return Result(
         subject=subject,
@@ -142,8 +141,7 @@ def track(
     rig, unit = scene.rig(config.scale), subject.body.unit
 
     # Smooth meanwhile, but a run that is resumed only once its frames are all there.
-    resumes = resume and checkpoint is not None and checkpoint.exists()
-    frames = 0 if resumes else scene.frame_count
+    frames = 0 if resume and checkpoint is not None and checkpoint.exists() else scene.frame_count
     with KeptObservations() as kept, smoothing_beside(frames, config, kept, smooth_progress) as beside:
         # Refuse another run's checkpoint before anything is built.
         identity = run_identity(scene, subject, config) if checkpoint else {}

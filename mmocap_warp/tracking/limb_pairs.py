@@ -90,8 +90,7 @@ def places_exchanged(
     coordinates (coordinate,) of each limb, joint by joint from the trunk on.
     """
     one, other = (np.unique((limb - TRANSLATION) // 3) for limb in pair)
-    joints = np.concatenate([one, other])
-    centres = points.at(rooted)[:, ::POINTS_A_JOINT]
+    joints, centres = np.concatenate([one, other]), points.at(rooted)[:, ::POINTS_A_JOINT]
     wanted = centres[:, np.concatenate([other, one])]
     # Start from rest: a crossed arm would have to pass through the trunk.
     moved = np.flatnonzero(np.isin(rooting.searched, np.concatenate(pair)))

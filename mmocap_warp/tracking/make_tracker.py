@@ -53,8 +53,7 @@ def _check_closed(subject: Subject, config: TrackConfig) -> None:
 def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> None:
     """Refuse what would not fit, and say what does."""
     device = resolve_device(config.device)
-    free = free_memory(device)
-    need = memory_need(subject, rig, config, fps)
+    free, need = free_memory(device), memory_need(subject, rig, config, fps)
     if free is None or need <= _SHARE * free:
         return
 

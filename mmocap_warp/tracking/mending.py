@@ -64,8 +64,7 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
     # The span and the frames around it are a result of their own.
     context = max(3, round(_CONTEXT * result.rate))
     first, last = max(0, span.start - context), min(len(result.frame_numbers), span.stop + context)
-    whole = list(range(first, last))
-    unit = result.subject.body.unit
+    whole, unit = list(range(first, last)), result.subject.body.unit
     part, seen = result.at(whole).in_unit(unit), _observations(scene, result, whole)
     own = range(span.start - first, span.stop - first)
     config, within = config.in_unit(unit), pins.moved(first, unit)
@@ -137,8 +136,7 @@ class _SpanSearch:
         self._fitter = make_fitter(subject, part.cameras, config, SCATTERED_POSES + 1, frames=len(observations))
         self._fitter.observe_all(observations)
         self._objective = make_objective(subject, part.cameras, config, SCATTERED_POSES + 1)
-        self._seen = observations
-        self._known = self._rooting.none
+        self._seen, self._known = observations, self._rooting.none
 
     def solved(self, pose: np.ndarray, own: range, anchors: list[int]) -> tuple[np.ndarray, np.ndarray]:
         """Poses (frame, coordinate) with those of the frames that are ``own`` solved anew, and which (frame,) changed.
@@ -175,8 +173,7 @@ class _SpanSearch:
             known = answers[number].where(chosen == number, known)
         least = (_CHANGED if pinned else _ANOTHER_PLACE) * self._size
         changed = (chosen > 0) & (self._points.apart(known, self._known) > least)
-        left = self._rooting.leave(known, pose[0, 3:6])
-        return np.where(changed[:, None], left, pose), changed
+        return np.where(changed[:, None], self._rooting.leave(known, pose[0, 3:6]), pose), changed
 
     def _anchor(self, frame: int, pose: np.ndarray, pinned: bool) -> RootedPoses:
         """The best pose (1,) of a frame from many starts."""

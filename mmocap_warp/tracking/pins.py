@@ -115,8 +115,7 @@ def _rays(table: Table, result: Result, recorded: CameraRig) -> list[tuple[int, 
     # The views must agree about a place in front of them.
     place = np.linalg.lstsq(np.concatenate(across), -np.concatenate(beside), rcond=None)[0]
     off = [float(np.linalg.norm(a @ place + b)) for a, b in zip(across, beside, strict=True)]
-    limit = MAX_DISAGREEMENT * result.subject.body.relative_size
-    if max(off) > limit:
+    if max(off) > MAX_DISAGREEMENT * result.subject.body.relative_size:
         worst = list(known)[int(np.argmax(off))]
         problem = f"{name} in frame {number}: the pixels of {', '.join(known)} contradict each other by "
         raise table.error(f"{problem}{1000 * max(off):.0f} mm, most in {worst}", "click that joint again there")

@@ -33,8 +33,7 @@ class RecoveryStarts:
         self._subject, self._rig, self._seed = subject, rig, config.seed
         self._limits = search_limits(subject, config)
         by_part = subject.body.skeleton.searched_by_part(config.dof).values()
-        self._poser = Poser(subject.body, subject.root_base)
-        self._limbs = limbs(subject.body.skeleton)
+        self._poser, self._limbs = Poser(subject.body, subject.root_base), limbs(subject.body.skeleton)
         self._searched = subject.body.skeleton.searched(config.dof)
         self._parts = [index[index >= ROOT_ANGLES.stop] for index in by_part if (index >= ROOT_ANGLES.stop).any()]
 

@@ -133,8 +133,7 @@ class _MaskWindow:
 
     def __init__(self, raw: Result, config: TrackConfig, observations: Iterable[Observation]) -> None:
         subject = raw.subject
-        self.searched = subject.body.skeleton.searched(config.dof)
-        self.limits = search_limits(subject, config)
+        self.searched, self.limits = subject.body.skeleton.searched(config.dof), search_limits(subject, config)
         self._places = min(frames_held(raw.rate), len(raw.frame_numbers))
         # One fitter for the poses of all frames held, one for the body too, one for limbs that are far from the masks.
         candidates = max(STARTS, min(CANDIDATES, self._places))
@@ -328,8 +327,7 @@ class _RunSmoother:
         lost = (self._raw.status[self._run, end:] == _LOST) & np.isfinite(self._raw.iou[self._run, end:]).any(axis=1)
         doubt[max(0, end - round(_DRIFT * self._rate)) if lost.any() else end : end] = True
         wide = doubt[:, np.array(self._skeleton.part)]  # (frame, joint)
-        least = np.where(wide, WIDE_SIGMA * self._size, 0.0)[:, :, None]
-        self.sigma.joint[:] = np.maximum(self.sigma.joint, least)
+        self.sigma.joint[:] = np.maximum(self.sigma.joint, np.where(wide, WIDE_SIGMA * self._size, 0.0)[:, :, None])
         return doubt
 
     def _linearise(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:

@@ -188,8 +188,7 @@ class FixedLag:
     """
 
     def __init__(self, problem: ClipProblem, acceleration: float = ACCELERATION, first: int = 0) -> None:
-        self._problem = problem
-        self._passes = (Pass(acceleration, _LAG_STEPS),)
+        self._problem, self._passes = problem, (Pass(acceleration, _LAG_STEPS),)
         self._held = self._waiting = problem.rooting.none
         self._final = first  # number of the first frame that is not final
 

@@ -15,8 +15,7 @@ class MotionPoints:
     """Each joint's centre, then a point on each of its axes; differentiated by ``searched`` (dof,) coordinates."""
 
     def __init__(self, skeleton: Skeleton, joint_rest: np.ndarray, searched: np.ndarray) -> None:
-        self._parent = skeleton.parent
-        self._frame = skeleton.frame.astype(float)
+        self._parent, self._frame = skeleton.parent, skeleton.frame.astype(float)
         self.searched = [int(coordinate) for coordinate in searched]
         self.below, self.slides = skeleton.below, skeleton.slides  # (joint, joint) and (joint,) bool
         # How each joint is held by its parent, whose level is the one before: a level is posed at once.

@@ -171,8 +171,7 @@ class BodyDeviations:
     ) -> None:
         self._problem, self._linearise, self._change, self._axes = problem, linearise, changes.joint, axes
         self._information = np.concatenate([problem.rooting.anywhere, changes.sigma]) ** -2.0
-        self._departure = departure
-        self._first = 0
+        self._departure, self._first = departure, 0
         coordinates = problem.rooting.none.pose.shape[1]
         self._last = Uncertainty(np.zeros((1, coordinates)), np.zeros((1, *changes.joint.shape[1:])))
 

@@ -63,8 +63,7 @@ def descend(
     in all frames where that is not enough. A step that is taken lowers the damping again, at least to 1. There are
     fewer steps where one becomes tiny.
     """
-    damping = np.ones(len(equations.cost))
-    refused = False
+    damping, refused = np.ones(len(equations.cost)), False
     lowest = objective(equations)
     for _ in range(steps):
         moved, largest = problem.stepped(state, equations, damping)

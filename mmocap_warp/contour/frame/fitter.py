@@ -109,16 +109,14 @@ class ContourFitter:
         self._change = allocated(RestChange, device, **changed)
 
         # The masks of frames, the cameras, and how the body moves in the time by which a view is late.
-        self.fields = DistanceFields(rig, frames, candidates, device)
-        self._views = make_views(rig, device)
+        self.fields, self._views = DistanceFields(rig, frames, candidates, device), make_views(rig, device)
         self._late = np.zeros((frames, cameras), np.float32)
         self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
         skin = dict.fromkeys(("velocity", "bend"), (candidates, vertices))
         self._moving = allocated(Moving, device, late=self._late, frame=self.fields.struct.frame, own=0.0, **skin)
 
         # From outlines to residuals, rows of the Jacobian, and their sums.
-        config = (matching or MatchingConfig()).for_size(body.relative_size)
-        self._matching = filled(Matching, **asdict(config))
+        self._matching = filled(Matching, **asdict((matching or MatchingConfig()).for_size(body.relative_size)))
         self._edges = make_edges(mesh.face, device)
         self._outline = make_outline(view, mesh, len(self._edges.edge), device)
         edge = (*view, self._outline.size)

@@ -146,8 +146,7 @@ class Rooting:
     def stepped(self, rooted: RootedPoses, step: np.ndarray) -> RootedPoses:
         """Rooted poses after steps (frame, dof) of the searched coordinates, which stop at the joints' limits."""
         pose = rooted.pose.copy()
-        moved = pose[:, self.searched] + step
-        pose[:, self.searched] = np.clip(moved, self._limits[:, 0], self._limits[:, 1])
+        pose[:, self.searched] = np.clip(pose[:, self.searched] + step, self._limits[:, 0], self._limits[:, 1])
         return self.refold(RootedPoses(rooted.base, pose))
 
     def root_axes(self, rooted: RootedPoses) -> np.ndarray:

@@ -155,7 +155,8 @@ def _measures(provenance: dict[str, str | float | int]) -> str:
         return f"{size}, as given; seen in {frames} frames"
     sigma = [1000 * float(value) for name, value in provenance.items() if re.fullmatch(r"body\.bone\..*\.sigma", name)]
     bones = f", its bones to {min(sigma):.0f}-{max(sigma):.0f} mm" if sigma else ""
-    return f"{size}, known to {of_size:.0f} mm{bones}, from {frames} frames"
+    loose = f"; loose clothes about {provenance['fit.loose']} left out" if "fit.loose" in provenance else ""
+    return f"{size}, known to {of_size:.0f} mm{bones}, from {frames} frames{loose}"
 
 
 @command("demo:demo", example=Given(Literal["walk", "fox", "hand", "quadruped", "arm"], kind=BY_PLACE))

@@ -42,7 +42,7 @@ _CLOTHED_TURNS = 3
 _USUAL = 3.0  # a parameter further from the family begins there anew [standard deviations]
 _HELD, _HELD_STEPS = 0.05, 8  # share of these that the body gives way by, while poses follow it
 _CLOTHED = 0.5  # how much nearer to its family a body is expected under them
-_GAIN = 0.75  # share of its departure that may be left without them
+_GAIN, _MOST_COST = 0.75, 1.05  # shares of its departure, and of its cost, that may be left without them
 _OUTLINE = 0.012  # standard deviation that all outlines have in common, of shadows, hair and shoes [m]
 
 
@@ -164,7 +164,7 @@ def solve_body(
     problem, rooted = body_problem(fitter, space, subject.root_base, share, followed.neighbours, still), followed.rooted
 
     def hide_clothes(joints: list[str], rooted: RootedPoses, beta: np.ndarray) -> None:
-        clothes = LooseClothes(replace(subject, body=space.model(beta)), rig, joints)
+        clothes = LooseClothes(replace(subject, body=space.model(beta)), rig, joints, known=True)
         poses = problem.rooting.leave(rooted, subject.pose[ROOT_ANGLES])
         for place, seen in enumerate(followed.observation):
             fitter.observe(place, clothes.hidden_in(seen, poses[place : place + 1]))
@@ -178,7 +178,7 @@ def solve_body(
     # A body far from its family, and thicker, may be in loose clothes: if it comes nearer without them, it is.
     if not worn and departure > MAX_DEPARTURE and (thick := _thick_joints(space, solution.beta)):
         without = _solved_without(partial(hide_clothes, thick), problem, solution)
-        if _departure(space, without.beta) < _GAIN * departure:
+        if _departure(space, without.beta) < _GAIN * departure and without.cost.mean() < _MOST_COST * cost:
             solution, worn, departure = without, thick, _departure(space, without.beta)
 
     pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]

@@ -27,26 +27,29 @@ LOOSE = "fit.loose"
 # All lengths are shares of the mask's extent.
 _MARGIN = 0.015  # mask so near to the body is its skin
 _WIDTH = 0.008  # radius of a disc that fits into cloth: what is thinner is an error of the pose
+_LOST_WIDTH = 0.012  # the same, where a lost hand or foot must not be taken for cloth
 _AROUND = 0.05  # mask so near to such a disc may be cloth, too
 _REACH = 0.1  # how far cloth stands off the parts that wear it
-_BARE = 0.04  # mask so near to a limb that wears none is the limb's, which moves
+_BARE, _LOST_BARE = 0.04, 0.06  # mask so near to a limb that wears none is the limb's; and where that may be lost
 
 PoseBefore = Callable[[int], np.ndarray]
 """From a position, the poses (run, coordinate) that were tracked in the frame before."""
 
 
 class LooseClothes:
-    """Finds what of masks may be loose clothes of a subject, which the ``joints`` of these names wear."""
+    """Finds what of masks may be loose clothes of a subject, which the ``joints`` of these names wear.
 
-    def __init__(self, subject: Subject, rig: CameraRig, joints: Sequence[str]) -> None:
+    If the pose is not ``known``, a limb may be lost: what may be one is no cloth.
+    """
+
+    def __init__(self, subject: Subject, rig: CameraRig, joints: Sequence[str], known: bool = False) -> None:
         mesh, skeleton = subject.body.tracking, subject.body.skeleton
         self._rig, self._poser = rig, Poser(subject.body, subject.root_base)
-        part, loose, bare = np.array(skeleton.part), {skeleton.index(name) for name in joints}, set[int]()
-        for limb in limbs(skeleton):
-            own = set(np.flatnonzero(part == skeleton.parts.index(limb.name)).tolist())
-            bare |= own if not own & loose else set()
-        faces = subject.body.tracking_face
-        of_loose, of_bare = (np.isin(mesh.heaviest_joint, list(each))[faces].any(axis=1) for each in (loose, bare))
+        self._width, self._bare = (_WIDTH, _BARE) if known else (_LOST_WIDTH, _LOST_BARE)
+        faces, names, part = subject.body.tracking_face, np.array(skeleton.joints), np.array(skeleton.part)
+        own = [names[part == skeleton.parts.index(limb.name)].tolist() for limb in limbs(skeleton)]
+        kinds = joints, [joint for each in own if not set(each) & set(joints) for joint in each]
+        of_loose, of_bare = (np.isin(names[mesh.heaviest_joint], each)[faces].any(axis=1) for each in kinds)
         self._faces = faces[of_loose], faces[of_bare], faces[~of_loose & ~of_bare]
 
     def hidden_in(self, seen: Observation, poses: np.ndarray) -> Observation:
@@ -70,10 +73,10 @@ class LooseClothes:
             for of in self._faces
         ]
         body, loose, bare = (_distance(each) for each in (np.logical_or.reduce(drawn), *drawn[:2]))
-        free = there & (bare > _BARE * extent)
+        free = there & (bare > self._bare * extent)
         beside = free & (body > _MARGIN * extent) & (loose < _REACH * extent)
-        inner = _distance(~np.pad(beside, 1))[1:-1, 1:-1] > _WIDTH * extent
-        cloth[box] = free & (body > 0) & (_distance(inner) < (_WIDTH + _AROUND) * extent)
+        inner = _distance(~np.pad(beside, 1))[1:-1, 1:-1] > self._width * extent
+        cloth[box] = free & (body > 0) & (_distance(inner) < (self._width + _AROUND) * extent)
         return cloth
 
 

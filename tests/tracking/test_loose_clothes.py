@@ -58,7 +58,8 @@ def test_a_skirt_is_hidden_beside_the_legs_and_nothing_of_the_body_or_of_a_lost_
     skirt[row : row + 2 * half, column - half : column + half] = True
     arm[: round(0.1 * height), : round(0.1 * height)] = True  # far from the legs, whatever it is
     masks[0] |= skirt | arm
-    shown = LooseClothes(subject, rig, WORN).hidden_in(Observation.from_masks(masks), subject.pose[None])
+    seen, pose = Observation.from_masks(masks), subject.pose[None]
+    shown = LooseClothes(subject, rig, WORN, known=True).hidden_in(seen, pose)
     hidden, left = (unpack_masks(words, rig.size) for words in (shown.hidden, shown.words))
     body = drawn(subject, rig)[0]
     assert (hidden[0] & skirt).sum() > 0.5 * (skirt & ~body).sum()
@@ -67,6 +68,10 @@ def test_a_skirt_is_hidden_beside_the_legs_and_nothing_of_the_body_or_of_a_lost_
     assert not any(each.any() for each in hidden[1:])
     np.testing.assert_array_equal(left[0], masks[0] & ~hidden[0])
     assert shown.foreground[0] == left[0].sum()
+    # Where a hand may be lost, less is cloth.
+    surely = unpack_masks(LooseClothes(subject, rig, WORN).hidden_in(seen, pose).hidden, rig.size)[0]
+    assert not (surely & ~hidden[0]).any()
+    assert 0 < surely.sum() < hidden[0].sum()
 
 
 def test_the_first_frame_is_looked_at_from_the_subject_s_own_pose_and_others_from_the_one_before(walker, monkeypatch):

@@ -155,7 +155,8 @@ def _measures(provenance: dict[str, str | float | int]) -> str:
         return f"{size}, as given; seen in {frames} frames"
     sigma = [1000 * float(value) for name, value in provenance.items() if re.fullmatch(r"body\.bone\..*\.sigma", name)]
     bones = f", its bones to {min(sigma):.0f}-{max(sigma):.0f} mm" if sigma else ""
-    loose = f"; loose clothes about {provenance['fit.loose']} left out" if "fit.loose" in provenance else ""
+    worn = str(provenance.get("fit.loose", "")).replace("+", ", ")
+    loose = f"; without loose clothes about {worn}" if worn else ""
     return f"{size}, known to {of_size:.0f} mm{bones}, from {frames} frames{loose}"
 
 

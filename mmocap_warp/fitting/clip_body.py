@@ -159,7 +159,7 @@ def solve_body(
     for place, observation in enumerate(followed.observation):
         fitter.observe(place, observation)
 
-    worn = str(subject.provenance.get(LOOSE, "")).split()
+    worn = str(subject.provenance[LOOSE]).split("+") if LOOSE in subject.provenance else []
     share = _CLOTHED * PRIOR if worn else PRIOR
     problem, rooted = body_problem(fitter, space, subject.root_base, share, followed.neighbours, still), followed.rooted
 
@@ -185,7 +185,7 @@ def solve_body(
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
     shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}
     provenance = kept | {"fit.frames": count} | measurements(space, solution) | shape
-    provenance |= ({"fit.departure": departure} if departure else {}) | ({LOOSE: " ".join(worn)} if worn else {})
+    provenance |= ({"fit.departure": departure} if departure else {}) | ({LOOSE: "+".join(worn)} if worn else {})
     solved = replace(subject, body=space.model(solution.beta), pose=pose, provenance=provenance)
     return with_base_still(solved, own) if still else solved, cost
 
@@ -199,8 +199,8 @@ def _departure(space: RestSpace, beta: np.ndarray) -> float:
 def _thick_joints(space: RestSpace, beta: np.ndarray) -> list[str]:
     """The joints whose girth is beyond that of the family."""
     far = zip(space.names, beta / (PRIOR * space.sigma) > MAX_DEPARTURE, strict=True)
-    thick = [name.removeprefix("girth.").split("+") for name, is_far in far if is_far and name.startswith("girth.")]
-    return [joint for pair in thick for joint in pair]
+    pairs = [name.removeprefix("girth.").split("+") for name, is_far in far if is_far and name.startswith("girth.")]
+    return [joint for pair in pairs for joint in pair]
 
 
 def _solved_without(

@@ -22,7 +22,7 @@ from mmocap_warp.tracking.holes import with_holes
 from mmocap_warp.tracking.limb_pairs import limbs
 
 LOOSE = "fit.loose"
-"""What a subject's provenance calls the joints whose skin is under loose clothes, with spaces between them."""
+"""What a subject's provenance calls the joints whose skin is under loose clothes, with a ``+`` between them."""
 
 # All lengths are shares of the mask's extent.
 _MARGIN = 0.015  # mask so near to the body is its skin
@@ -96,8 +96,8 @@ def _distance(pixels: np.ndarray) -> np.ndarray:
 
 def loose_clothes(subject: Subject, rig: CameraRig) -> LooseClothes | None:
     """What finds the loose clothes that a subject was fitted in, if it was."""
-    joints = str(subject.provenance.get(LOOSE, "")).split()
-    return LooseClothes(subject, rig, joints) if joints else None
+    joints = subject.provenance.get(LOOSE)
+    return LooseClothes(subject, rig, str(joints).split("+")) if joints else None
 
 
 def with_hidden(

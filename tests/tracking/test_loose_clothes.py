@@ -25,7 +25,7 @@ WORN = ["LHip", "RHip"]
 @pytest.fixture(scope="module")
 def walker() -> tuple[Subject, CameraRig]:
     walk = walking()
-    return Subject(walk.body, walk.root_base, walk.poses[0], {LOOSE: " ".join(WORN)}), walk.rig
+    return Subject(walk.body, walk.root_base, walk.poses[0], {LOOSE: "+".join(WORN)}), walk.rig
 
 
 def drawn(subject: Subject, rig: CameraRig) -> list[np.ndarray]:
@@ -91,7 +91,7 @@ def test_no_body_is_made_of_a_skirt():
     name = "Skirt/Walking"
     clip = open_sequence(make_sequence(name, CLIP_PLANS[name]))
     subject = solved_subject(clip, list(islice(clip.observations, 16)), 0, "cpu", 1)
-    assert set(WORN) <= set(subject.provenance[LOOSE].split())
+    assert set(WORN) <= set(subject.provenance[LOOSE].split("+"))
     assert subject.provenance["fit.departure"] < 3.5
     names = list(subject.body.skeleton.joints)
     own = Poser(subject.body, subject.root_base).joint_transforms(subject.pose[None])[0, :, :3, 3]

@@ -120,10 +120,13 @@ def pytest_collection_finish() -> None:
 def pytest_report_header() -> str:
     """Which browser shows the pages, and whether glTF is validated, and files of Rerun and of meshopt are read."""
     browser = find_browser() or "none found, so no page is shown in one"
-    validator = "not found" if "formats/exports/test_gltf_validator.py" in collect_ignore else "found"
-    rerun = "not found" if "instruments/test_rerun_file.py" in collect_ignore else "found"
-    meshopt = "not found" if "formats/rigged/test_meshopt.py" in collect_ignore else "found"
-    return f"browser: {browser}; glTF-Validator: {validator}; Rerun: {rerun}; meshoptimizer: {meshopt}"
+    optional = {
+        "glTF-Validator": "formats/exports/test_gltf_validator.py",
+        "Rerun": "instruments/test_rerun_file.py",
+        "meshoptimizer": "formats/rigged/test_meshopt.py",
+    }
+    said = [f"{name}: {'not found' if file in collect_ignore else 'found'}" for name, file in optional.items()]
+    return "; ".join([f"browser: {browser}", *said])
 
 
 def devices() -> list[str]:

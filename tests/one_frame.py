@@ -9,6 +9,9 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.fitting.subject_fit import FitConfig, _first_frame, _Task, _verdict
 from mmocap_warp.masks.observation import Observation
 
+QUICK = FitConfig(scale=0.25, evaluations=600, finalists=2)
+"""Settings of a fit that takes seconds."""
+
 
 def fit_observation(
     body: BodyModel, rig: CameraRig, observation: Observation, config: FitConfig, start_poses: np.ndarray | None = None

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_frame import fit_observation
+from one_frame import QUICK, fit_observation
 from person_skeleton import JOINTS
 from random_scenes import perfect_masks
 from synthetic import ring_rig, synthetic_body, synthetic_poses, synthetic_subject
@@ -19,35 +19,13 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.clip_body import InClip
 from mmocap_warp.fitting.frame_fit import Guess
-from mmocap_warp.fitting.standing_search import (
-    NoSubjectError,
-)
-from mmocap_warp.fitting.subject_fit import (
-    FitConfig,
-    _first_frame,
-    _Task,
-    _verdict,
-    fit,
-    fit_clip,
-)
+from mmocap_warp.fitting.standing_search import NoSubjectError
+from mmocap_warp.fitting.subject_fit import FitConfig, _first_frame, _Task, _verdict, fit, fit_clip
 from mmocap_warp.formats.truth_file import load_truth
-from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_subject
+from mmocap_warp.formats.usd.usd_body import read_subject, write_subject
 from mmocap_warp.masks.observation import Observation, unpack_masks
-from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.scenes import ROOT
 
-QUICK = FitConfig(scale=0.25, evaluations=600, finalists=2)
 LIMBS = ("LShoulder", "RShoulder", "LElbow", "RElbow", "LHip", "RHip", "LKnee", "RKnee", "LAnkle", "RAnkle")
-
-
-@pytest.fixture(scope="module")
-def walk():
-    return load_scene(ROOT / "walk")
-
-
-@pytest.fixture(scope="module")
-def man():
-    return read_body(ROOT / "bodies" / "adult_man.usdc")
 
 
 @pytest.fixture(scope="module", params=["begun", pytest.param("whole", marks=pytest.mark.nightly)])

@@ -7,27 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from one_frame import QUICK
 from other_bodies import things
 
 from mmocap_warp.body.shape_space import ShapeSpace
 from mmocap_warp.fitting.standing_search import FirstFrame, _prior, _spread, search_headings, standing_start
-from mmocap_warp.fitting.subject_fit import FitConfig, _headings, _Task
-from mmocap_warp.formats.usd.usd_body import read_body
+from mmocap_warp.fitting.subject_fit import _headings, _Task
 from mmocap_warp.rigging.attaching import carrying
-from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.scenes import ROOT
-
-QUICK = FitConfig(scale=0.25, evaluations=600, finalists=2)
-
-
-@pytest.fixture(scope="module")
-def walk():
-    return load_scene(ROOT / "walk")
-
-
-@pytest.fixture(scope="module")
-def man():
-    return read_body(ROOT / "bodies" / "adult_man.usdc")
 
 
 def test_headings_are_spread_evenly(walk, man):

@@ -30,7 +30,7 @@ from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.result.verdict import MAX_DEPARTURE
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_frames
-from mmocap_warp.tracking.loose_clothes import LOOSE, LooseClothes, with_hidden
+from mmocap_warp.tracking.loose_clothes import LOOSE, LooseClothes, loose_joints, with_hidden
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _DURATION = 2.0  # how much of a clip is followed [s]
@@ -96,7 +96,7 @@ def solve_body_in_clip(
     device, threads = resolve_device(config.device), config.threads or available_threads()
     solved, cost = solve_body(subject, generic, rig, followed.spread(frames), device, threads)
     cost *= len(clip) / len(followed.rooted)
-    if LOOSE in solved.provenance and LOOSE not in subject.provenance:  # taken for skin, clothes may have cost a leg
+    if loose_joints(solved) and not loose_joints(subject):  # taken for skin, clothes may have cost a leg
         followed = follow(solved, rig, clip, fps, config)
         solved, _ = solve_body(solved, generic, rig, followed.spread(frames), device, threads)
     places = MotionPoints(skeleton, subject.body.joint_rest, skeleton.searched()).at(followed.rooted)
@@ -159,7 +159,7 @@ def solve_body(
     for place, observation in enumerate(followed.observation):
         fitter.observe(place, observation)
 
-    worn = str(subject.provenance[LOOSE]).split("+") if LOOSE in subject.provenance else []
+    worn = loose_joints(subject)
     share = _CLOTHED * PRIOR if worn else PRIOR
     problem, rooted = body_problem(fitter, space, subject.root_base, share, followed.neighbours, still), followed.rooted
 

@@ -82,8 +82,7 @@ def _images(camera: CameraSource, source: str) -> list[list[bytes]]:
 
 def _digest(thing: object) -> str:
     """A hash of arrays, numbers and strings, in sequences, dictionaries and dataclasses of any depth."""
-    digest = hashlib.sha256()
-    unread = [thing]
+    digest, unread = hashlib.sha256(), [thing]
     while unread:
         thing = unread.pop()
         if isinstance(thing, np.ndarray):

@@ -213,8 +213,7 @@ class ContourTracker:
 
         What stays uncovered is in doubt from now on.
         """
-        size = self._subject.body.relative_size**2
-        looks = self._uncovered.of(answer.pose, observation)
+        size, looks = self._subject.body.relative_size**2, self._uncovered.of(answer.pose, observation)
         excess = self._state.excess(np.stack([look.area for look in looks]), LARGEST_USUAL_AREA * size)
 
         # Fit limbs that reach to what stays uncovered. What one look alone shows may be a fault of its masks.

@@ -25,6 +25,11 @@ class Limb:
     reach: np.ndarray  # (coordinate,) searched angles of those joints that decide where it goes: all but its last
     other: str | None  # the name of the limb that mirrors it, if one does
 
+    @property
+    def joints(self) -> np.ndarray:
+        """(joint,) int, ascending."""
+        return np.unique((self.coordinates - TRANSLATION) // 3)
+
 
 def limbs(skeleton: Skeleton) -> list[Limb]:
     """The limbs in the order of the skeleton's parts; the root's part is none. An arm with held fingers is one."""
@@ -54,8 +59,7 @@ def like_limbs(skeleton: Skeleton) -> list[tuple[Limb, Limb]]:
 
 def _build(skeleton: Skeleton, limb: Limb) -> tuple[int, int]:
     """What a limb hangs on, and how many joints it has."""
-    joints = np.unique((limb.coordinates - TRANSLATION) // 3)
-    return skeleton.parent[int(joints[0])], len(joints)
+    return skeleton.parent[int(limb.joints[0])], len(limb.joints)
 
 
 def _mirrored_part(skeleton: Skeleton, joints: list[int]) -> str | None:

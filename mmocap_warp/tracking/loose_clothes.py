@@ -46,8 +46,8 @@ class LooseClothes:
         mesh, skeleton = subject.body.tracking, subject.body.skeleton
         self._rig, self._poser = rig, Poser(subject.body, subject.root_base)
         self._width, self._bare = (_WIDTH, _BARE) if known else (_LOST_WIDTH, _LOST_BARE)
-        faces, names, part = subject.body.tracking_face, np.array(skeleton.joints), np.array(skeleton.part)
-        own = [names[part == skeleton.parts.index(limb.name)].tolist() for limb in limbs(skeleton)]
+        faces, names = subject.body.tracking_face, np.array(skeleton.joints)
+        own = [names[limb.joints].tolist() for limb in limbs(skeleton)]
         kinds = joints, [joint for each in own if not set(each) & set(joints) for joint in each]
         of_loose, of_bare = (np.isin(names[mesh.heaviest_joint], each)[faces].any(axis=1) for each in kinds)
         self._faces = faces[of_loose], faces[of_bare], faces[~of_loose & ~of_bare]
@@ -83,8 +83,7 @@ class LooseClothes:
 def _turned(pixels: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Those of a mesh's faces that are turned one way: they cover what all of them do."""
     first, second = (pixels[faces[:, k]] - pixels[faces[:, 0]] for k in (1, 2))
-    turned: np.ndarray = faces[first[:, 0] * second[:, 1] > first[:, 1] * second[:, 0]]
-    return turned
+    return np.asarray(faces[first[:, 0] * second[:, 1] > first[:, 1] * second[:, 0]])
 
 
 def _distance(pixels: np.ndarray) -> np.ndarray:
@@ -94,10 +93,14 @@ def _distance(pixels: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.distanceTransform((~pixels).view(np.uint8), cv2.DIST_L2, 5))
 
 
+def loose_joints(subject: Subject) -> list[str]:
+    """The joints whose skin is under the loose clothes that a subject was fitted in."""
+    return str(subject.provenance[LOOSE]).split("+") if LOOSE in subject.provenance else []
+
+
 def loose_clothes(subject: Subject, rig: CameraRig) -> LooseClothes | None:
     """What finds the loose clothes that a subject was fitted in, if it was."""
-    joints = subject.provenance.get(LOOSE)
-    return LooseClothes(subject, rig, str(joints).split("+")) if joints else None
+    return LooseClothes(subject, rig, joints) if (joints := loose_joints(subject)) else None
 
 
 def with_hidden(

@@ -114,12 +114,9 @@ def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> lis
     seen = tracked_observations(scene, result, positions)
     left_out = [np.array([number in frozen.get(name, ()) for name in names]) for number in numbers]
     shown = [each.without(views) for each, views in zip(seen, left_out, strict=True)]
-    clothes = loose_clothes(result.subject, result.cameras)
-    return (
-        [clothes.hidden_in(each, result.pose[:, at]) for each, at in zip(shown, positions, strict=True)]
-        if clothes
-        else shown
-    )
+    if clothes := loose_clothes(result.subject, result.cameras):
+        shown = [clothes.hidden_in(each, result.pose[:, at]) for each, at in zip(shown, positions, strict=True)]
+    return shown
 
 
 class _SpanSearch:

@@ -74,8 +74,7 @@ class PoseSearch(Search):
     """
 
     def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig, algorithm: Algorithm, fps: float) -> None:
-        self.device = resolve_device(config.device)
-        runs = config.runs
+        self.device, runs = resolve_device(config.device), config.runs
         # Each run has a random stream of its own, so that it is as it would be alone.
         seed = wp.array(np.arange(config.seed, config.seed + runs), dtype=wp.int32, device=self.device)
         self.counter = wp.zeros(runs, dtype=wp.int32, device=self.device)

@@ -8,7 +8,7 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rotations import spread_rotations, transposed, zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
-from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
+from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.visual_hull import visual_hull
@@ -71,7 +71,7 @@ class RecoveryStarts:
                 index = np.intersect1d(limb.coordinates, self._searched)
                 poses = np.repeat(pose[run : run + 1], _DRAWN, axis=0)
                 poses[:, index] = rng.uniform(low[index], high[index], (_DRAWN, len(index)))
-                along = self._along_bones(poses, np.unique((limb.coordinates - TRANSLATION) // 3))
+                along = self._along_bones(poses, limb.joints)
                 square = sum((wanted[:, None, k] - along[:, None, :, k]) ** 2 for k in range(3))  # (pose, place, point)
                 apart = np.sqrt(square.min(axis=2)).mean(axis=1)
                 near = np.argsort(apart, kind="stable")[: SCATTERED_POSES // 2]

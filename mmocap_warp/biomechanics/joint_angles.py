@@ -17,14 +17,10 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 
-_LEAST_ELEVATION = 5.0
-"""An arm that hangs, or points up, within this angle has no plane of elevation [degrees]."""
-
-_LEAST_FOLLOWED = 0.05
-"""How far some angle of a joint goes along with a coordinate that moves the joint, as a share."""
-
+_LEAST_ELEVATION = 5.0  # an arm that hangs, or points up, within this angle has no plane of elevation [degrees]
+_LEAST_FOLLOWED = 0.05  # how far some angle of a joint goes along with a coordinate that moves the joint, as a share
+# A rotation times this, element by element, is the one that its mirror image across the xy plane makes.
 _MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
-"""A rotation times this, element by element, is the one that its mirror image across the xy plane makes."""
 
 
 @dataclass(frozen=True)

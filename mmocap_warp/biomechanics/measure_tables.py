@@ -19,11 +19,7 @@ _OF_STRIKES = ("step_seconds", "step_length_m", "stride_seconds", "stride_length
 
 
 def write_tables(folder: Path, measures: Measures) -> list[Path]:
-    """Write each of :func:`tables` that has rows as a CSV file, and return their paths.
-
-    Raises:
-        InputError: the folder cannot be written to.
-    """
+    """Write each of :func:`tables` that has rows as a CSV file; their paths. An InputError if that cannot be."""
     written = []
     for name, (head, rows) in tables(measures).items():
         if rows:

@@ -11,16 +11,8 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.display.overlay import (
-    COLOUR_OF_SIDE,
-    INK,
-    MODEL_COLOUR,
-    PAPER,
-    SUBPIXEL_BITS,
-    Colour,
-    fixed_point,
-    write_text,
-)
+from mmocap_warp.display import overlay
+from mmocap_warp.display.overlay import COLOUR_OF_SIDE, PAPER, SUBPIXEL_BITS, Colour, fixed_point, write_text
 from mmocap_warp.formats.image_files import write_png
 
 # Of the picture of the floor:
@@ -78,7 +70,7 @@ def _draw(canvas: np.ndarray, camera: CameraRig, heads: np.ndarray, frame: int) 
         _draw_line(canvas, camera, start, end, _WAY, 2)
     head = heads[frame]
     if np.isfinite(head[0]):
-        _draw_line(canvas, camera, head - (head @ up) * up, head, MODEL_COLOUR, 2)
+        _draw_line(canvas, camera, head - (head @ up) * up, head, overlay.MODEL_COLOUR, 2)
 
 
 def _grid(feet: np.ndarray, up: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -213,4 +205,4 @@ def _write_names(sheet: _Sheet, names: tuple[str, ...], place: np.ndarray) -> No
             top += height + 3
         taken.append((left, left + width, top))
         corner = round(left), round(min(top, sheet.image.shape[0] - 12.0)) + height
-        cv2.putText(sheet.image, name, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.33, INK, 1, cv2.LINE_AA)
+        cv2.putText(sheet.image, name, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.33, overlay.INK, 1, cv2.LINE_AA)

@@ -21,16 +21,12 @@ _MASK_SETTINGS += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 
 
 def write_png(path: str | Path, image: np.ndarray) -> None:
-    """Write a gray or BGR picture (uint8), or a mask (bool, as white on black of one bit), whole or not at all.
-
-    Raises:
-        ValueError: an image that PNG cannot hold.
-    """
+    """Write what :func:`encode_png` makes of an image, whole or not at all."""
     write_whole(Path(path), encode_png(image))
 
 
 def encode_png(image: np.ndarray) -> bytes:
-    """What :func:`write_png` writes; a ValueError for an image that PNG cannot hold."""
+    """A gray or BGR picture (uint8), or a mask (bool, as white on black of one bit), as PNG; or a ValueError."""
     picture, settings = (image.astype(np.uint8) * 255, _MASK_SETTINGS) if image.dtype == bool else (image, [])
     good, data = cv2.imencode(".png", picture, settings)
     if not good:

@@ -93,11 +93,7 @@ class _Worker:
         self._owner = 0
 
     def read(self, reader: str, path: str, size: int) -> None:
-        """Let it read a file of so many bytes.
-
-        Raises:
-            InputError: what its reader raised; the file ended it, or took too much.
-        """
+        """Let it read a file of so many bytes; an InputError is the reader's, or that of a file which was too much."""
         seconds, memory = _SECONDS + size * _SECONDS_PER_BYTE, _BYTES + size * _BYTES_PER_BYTE
         with self._lock:
             request = {"reader": reader, "path": path, "folder": os.getcwd(), "settings": _settings()}
@@ -134,13 +130,9 @@ class _Worker:
             if self._running is not None:
                 _close(self._running)
             self._owner = os.getpid()  # a process that was forked off holds the pipes of its parent's worker
+            command, pipe = [sys.executable, "-c", _START, *sys.path], subprocess.PIPE
             self._running = subprocess.Popen(
-                [sys.executable, "-c", _START, *sys.path],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                text=True,
-                env=os.environ | _LIMITS,
+                command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True, env=os.environ | _LIMITS
             )
         return self._running
 

@@ -57,11 +57,7 @@ def quoted(text: str) -> str:
 
 
 def quoted_path(path: Path, folder: Path) -> str:
-    """A path as a TOML string, for a file in ``folder``: from there, with slashes on all systems.
-
-    Raises:
-        InputError: it is not UTF-8, as a TOML file is.
-    """
+    """A path as a TOML string, for a file in ``folder``: from there, with slashes; an InputError if it is not UTF-8."""
     return quoted(Path(native_path(os.path.relpath(path.resolve(), folder.resolve()))).as_posix())
 
 

@@ -95,11 +95,7 @@ class Engine(ABC):
 
     @abstractmethod
     def events(self, seconds: float) -> list[tuple[int, Event]]:
-        """What has happened to which worker; waits up to so long for something to happen.
-
-        Raises:
-            EngineLost: no worker is left.
-        """
+        """What has happened to which worker; waits up to so long for something. An EngineLost if no worker is left."""
 
     def close(self) -> None:
         """End all workers, whatever they are doing."""

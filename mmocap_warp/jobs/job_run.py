@@ -19,7 +19,6 @@ _MARGIN = 1.1  # factor on the time that a job is expected to take, where time i
 _CAPACITY = 16  # results that wait in memory for room on the disk; each has some megabytes
 _SECONDS_BETWEEN_TRIES = 5.0  # to store what waits
 
-
 Note: TypeAlias = Callable[[str], None]
 Keep: TypeAlias = Callable[[Any], Any]
 
@@ -159,7 +158,8 @@ class _Run:
                     break
                 continue
             self._hand_out(engine)
-            if self._time_is_up:
+            stuck = self._pending and not self._at_work and not self._waiting and not self._fitting()
+            if self._seconds_left <= 0 or stuck:  # nothing runs, and nothing that is left would be finished in time
                 self._leave_the_rest(f"the time of {self._allowed:.0f} s is up")
                 break
             try:
@@ -209,12 +209,6 @@ class _Run:
         seconds = now - self._started if self._started else 0.0
         seats = tuple(replace(seat) for _, seat in sorted(self._seats.items()))
         return Status(*counts, self._spent + running, left, seconds, seats, self._noun)
-
-    @property
-    def _time_is_up(self) -> bool:
-        """Whether the time allowed has passed, or nothing runs and nothing that is left would be finished in it."""
-        stuck = self._pending and not self._at_work and not self._waiting and not self._fitting()
-        return self._seconds_left <= 0 or bool(stuck)
 
     @property
     def _seconds_left(self) -> float:

@@ -49,11 +49,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class CellResult:
-    """What tracking a cell gave.
-
-    Raises:
-        ValueError: arrays whose shapes disagree.
-    """
+    """What tracking a cell gave; a ValueError for arrays whose shapes disagree."""
 
     cell: Cell
     seeds: np.ndarray  # (run,) int64

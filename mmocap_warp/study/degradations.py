@@ -280,10 +280,7 @@ def write_people(folder: Path, clips: Sequence[StudySequence], apart: float, pro
     """Write sequences of one length and of different people as one scene, whose masks are label images.
 
     People are named as in the sequences' names, and come as near to each other as ``apart`` [m]. Each has a subject,
-    which tracking starts from, and a truth.
-
-    Returns:
-        Path of ``scene.toml``.
+    which tracking starts from, and a truth. The path is that of ``scene.toml``.
 
     Raises:
         InputError: a folder that cannot be written to.

@@ -6,24 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mmocap_warp.study import paper
+from mmocap_warp.study import paper, summary
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.report_parts import Table
 from mmocap_warp.study.study_tables import by_algorithm
-from mmocap_warp.study.summary import (
-    BASELINES,
-    EQ_20,
-    MEASURE_OF,
-    Contender,
-    Measure,
-    StudySummary,
-    algorithm_label,
-    contender,
-    in_order,
-)
+from mmocap_warp.study.summary import EQ_20, Contender, Measure, StudySummary, algorithm_label, contender, in_order
 from mmocap_warp.study.wording import DASH, counted, extent, listed, named, over, shown
 
-LOST_LIMB, FITNESS = MEASURE_OF["limb_lost"], MEASURE_OF["cost"]
+LOST_LIMB, FITNESS = summary.MEASURE_OF["limb_lost"], summary.MEASURE_OF["cost"]
 _PRESETS = ("common", "paper-rotation", "paper-translation", "paper")  # in the order of their columns
 _COMPARED = ("mpjpe", *EQ_20, "pa_mpjpe", "cost", "iou", "limb_lost", "growth", "shake")
 
@@ -35,7 +25,7 @@ def all_trackers(study: StudySummary) -> Table:
     whole = [who for who in study.contenders if np.isfinite(study.level(who, main))]
     rows, cells = [], []
     for who in sorted(whole, key=lambda who: main.sign * study.level(who, main)):
-        tracked = [] if who.algorithm in BASELINES else study.cells_of([who], main)
+        tracked = [] if who.algorithm in summary.BASELINES else study.cells_of([who], main)
         cells += tracked
         seeds = listed(sorted({len(cell.seeds) for cell in tracked})) if tracked else DASH
         means = [shown(study.level(who, measure), measure) for measure in measures]
@@ -113,7 +103,7 @@ def strangers_table(study: StudySummary, measure: Measure) -> Table | None:
     for who in study.contenders:
         known = study.known(who, study.strangers, measure)
         if known:
-            cells += [] if who.algorithm in BASELINES else known.values()
+            cells += [] if who.algorithm in summary.BASELINES else known.values()
             values = [study.level(who, measure, [name]) for name in study.strangers]
             values.append(study.level(who, measure, study.strangers))
             rows.append([str(who), *(shown(value, measure) for value in values)])
@@ -151,7 +141,7 @@ def radii(study: StudySummary) -> list[str]:
     """Each preset's search radii, as the cells used them, the main preset's first."""
     sentences = []
     for preset in study.presets:
-        configs = [summary.meta.get("config", {}) for cell, summary in study.cells.items() if cell.preset == preset]
+        configs = [each.meta.get("config", {}) for cell, each in study.cells.items() if cell.preset == preset]
         used = [(config.get("rotation_radius"), config.get("translation_radius")) for config in configs]
         known = [pair for pair in used if None not in pair]
         ends = (sorted({min(values), max(values)}) for values in zip(*known, strict=True))
@@ -185,7 +175,7 @@ def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -
         """Over the cells that any preset has of the shared sequences; a dash where this preset lacks one."""
         cells = (cell for cell in at_budget[budget] if cell.sequence in shared[budget] and cell.algorithm in algorithms)
         wanted = {replace(cell, preset=preset) for cell in cells}
-        found = [summary for cell in wanted if (summary := study.cells.get(cell)) and measure.key in summary.runs]
+        found = [known for cell in wanted if (known := study.cells.get(cell)) and measure.key in known.runs]
         drawn.extend(found)
         is_whole = found and len(found) == len(wanted)
         return shown(float(np.mean([cell.runs[measure.key].mean() for cell in found])), measure) if is_whole else DASH

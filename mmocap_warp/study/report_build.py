@@ -25,9 +25,8 @@ from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
 
 _HERE = "mmocap_warp.study"
+# The paper ranks by Eq. 20 and, in its text, by fitness: Markdown has these beside the main measure.
 _RANKED_BY = (*EQ_20, "cost")
-"""The paper ranks by Eq. 20 and, in its text, by fitness: Markdown has these beside the main measure."""
-
 _UNIT_SUFFIX = {"mm": "_mm", "%": "_percent", "mm/s": "_mm_per_s", "m/s³": "_m_per_s3"}
 
 

@@ -96,15 +96,9 @@ def budget_section(study: StudySummary) -> Section:
     parts = []
     for measure, dof in product(study.measures, study.models):
         baselines, size = baseline_words(study, measure), extent(study.of_grid(dof=dof))
-        content = fill(
-            "budget-figures",
-            left=[budget_figure(study, measure, dof)],
-            right=[time_figure(study, dof)],
-            dof=dof,
-            count=len(study.sequences),
-            extent=size,
-            baselines=f" {baselines}." if baselines else "",
-        )
+        left, right = budget_figure(study, measure, dof), time_figure(study, dof)
+        words = {"count": len(study.sequences), "extent": size, "baselines": f" {baselines}." if baselines else ""}
+        content = fill("budget-figures", left=[left], right=[right], dof=dof, **words)
         parts.append(choice(study, content, measure=measure.key, model=dof))
     head = ["Algorithm", *(f"{budget:,} evaluations" for budget in study.budgets), "evaluations/s"]
     caption = f"Milliseconds per frame and run, mean over sequences and models. {extent(study.of_grid())}."

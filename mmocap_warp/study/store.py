@@ -84,11 +84,7 @@ def result_path(folder: Path, cell: Cell, key: str) -> Path:
 
 
 def open_folder(folder: Path) -> Path:
-    """A folder for results, made if it does not exist, and freed of what kills amid writing left there.
-
-    Raises:
-        InputError: it cannot be made.
-    """
+    """A folder for results, made if need be, freed of what kills amid writing left; an InputError if it cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for file in folder.glob(".*.npz.*"):

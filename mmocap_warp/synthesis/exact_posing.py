@@ -41,14 +41,13 @@ class ExactPoser:
 
     def vertices(self, poses: np.ndarray) -> np.ndarray:
         """The full mesh's vertices in the world for full poses (n, 51): (n, vertex, 3) float64 [m]."""
-        return np.stack([self._skin_vertices(transforms) for transforms in self.joint_transforms(poses)[:, :, :3]])
-
-    def _skin_vertices(self, transforms: np.ndarray) -> np.ndarray:
-        """(vertex, 3), from one frame's joint transforms (joint, 3, 4)."""
-        moved = transforms[:, :, :3] @ self._from_bind
-        moved[:, :, 3] += transforms[:, :, 3]
-        blended = (self._weight @ moved.reshape(-1, 12)).reshape(-1, 3, 4)
-        return np.einsum("vab,vb->va", blended[:, :, :3], self._rest) + blended[:, :, 3]
+        vertices = []
+        for transforms in self.joint_transforms(poses)[:, :, :3]:  # (joint, 3, 4) of a frame
+            moved = transforms[:, :, :3] @ self._from_bind
+            moved[:, :, 3] += transforms[:, :, 3]
+            blended = (self._weight @ moved.reshape(-1, 12)).reshape(-1, 3, 4)
+            vertices.append(np.einsum("vab,vb->va", blended[:, :, :3], self._rest) + blended[:, :, 3])
+        return np.stack(vertices)
 
     @cached_property
     def _weight(self) -> np.ndarray:

@@ -74,15 +74,12 @@ def write_made_scene(
     body: Path | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Write ``masks/<camera>/<frame>.png``, ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``.
+    """Write ``masks/<camera>/<frame>.png``, ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``: its path.
 
     The folder is made if it does not exist, with those above it; files of the same names are replaced. There is no
     ``truth`` where the scene file's end names those of several people. ``about`` says what it is, for the scene file's
     first line, and ``foreground`` is the scene file's table of that name with what else ends it. ``subject`` is written
     as ``subject.usdc`` if given, and the file of the ``body`` that a fit starts from copied.
-
-    Returns:
-        Path of ``scene.toml``.
 
     Raises:
         InputError: a folder that cannot be written to.

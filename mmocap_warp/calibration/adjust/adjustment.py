@@ -12,24 +12,9 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.calibration.adjust.camera_changes import (
-    CENTRE,
-    FOCAL,
-    OFFSET,
-    POSITION,
-    ROTATION,
-    AdjustConfig,
-    changed,
-    difference,
-)
-from mmocap_warp.calibration.adjust.camera_problem import (
-    CameraProblem,
-    CameraSolution,
-    KnownLength,
-    camera_fitter,
-    known_distance,
-    known_height,
-)
+from mmocap_warp.calibration.adjust import camera_changes, camera_problem
+from mmocap_warp.calibration.adjust.camera_changes import OFFSET, POSITION, ROTATION, AdjustConfig, changed
+from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution, KnownLength, camera_fitter
 from mmocap_warp.calibration.adjust.footage import MIN_FRAMES, Footage, Motion, Person
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
 from mmocap_warp.contour.frame.fitter import WIDE, MatchingConfig
@@ -87,16 +72,16 @@ class Adjustment:
         # Lengths that give the scale.
         self._known: list[KnownLength] = []
         if config.height is not None:
-            self._known.append(known_height(self.space, config.height))
+            self._known.append(camera_problem.known_height(self.space, config.height))
         if distance is not None:
             one, other = (names.index(name) for name in distance[:2])
-            self._known.append(known_distance(self.given, one, other, distance[2]))
+            self._known.append(camera_problem.known_distance(self.given, one, other, distance[2]))
 
     def start(self) -> np.ndarray:
         """The changes by which silhouettes agree where they did not; otherwise zeros."""
         none = np.zeros(self.sigma.shape)
         # Only rotations are free, or principal points where rotations are held.
-        free = ROTATION if self.sigma[:, ROTATION].any() else CENTRE
+        free = ROTATION if self.sigma[:, ROTATION].any() else camera_changes.CENTRE
         sigma = none.copy()
         sigma[:, free] = _START_RANGE * self.sigma[:, free]
         if self._stated_fixed is not None:
@@ -178,7 +163,7 @@ class Adjustment:
     def sigma_in_place(self) -> np.ndarray:
         """How far cameras may be if they may turn, and their principal points and times may be off, but no more."""
         sigma = self.sigma.copy()
-        sigma[:, POSITION], sigma[:, FOCAL] = 0.0, 0.0
+        sigma[:, POSITION], sigma[:, camera_changes.FOCAL] = 0.0, 0.0
         return sigma
 
     def solve(
@@ -224,6 +209,6 @@ class Adjustment:
             return own, np.eye(3), np.zeros(3)
         rig, given = changed(self.given, change), self.given
         turn, shift = given.R[fixed].T @ rig.R[fixed], given.R[fixed].T @ (rig.t[fixed] - given.t[fixed])
-        moved = difference(given, replace(rig, R=rig.R @ turn.T, t=rig.t - rig.R @ turn.T @ shift))
+        moved = camera_changes.difference(given, replace(rig, R=rig.R @ turn.T, t=rig.t - rig.R @ turn.T @ shift))
         moved[:, OFFSET] = own[:, OFFSET]
         return moved, turn, shift

@@ -114,15 +114,9 @@ class CameraProblem:
         # The covariance of the cameras' parameters, without body and margins.
         of_cameras = len(beta) + np.flatnonzero(np.nonzero(own > 0)[1] < len(KINDS))
         change, larger = self._unpack(parameters)
-        return CameraSolution(
-            change=change,
-            beta=parameters[: len(beta)],
-            rooted=rooted,
-            free=self.sigma > 0,
-            covariance=len(observations) * solution.covariance[np.ix_(of_cameras, of_cameras)],
-            cost=float(solution.cost.mean()),
-            larger=larger,
-        )
+        covariance = len(observations) * solution.covariance[np.ix_(of_cameras, of_cameras)]
+        beta, cost = parameters[: len(beta)], float(solution.cost.mean())
+        return CameraSolution(change, beta, rooted, self.sigma > 0, covariance, cost, larger)
 
     def _unpack(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The cameras' changes (camera, parameter), and their masks' margins (camera,) [px]."""

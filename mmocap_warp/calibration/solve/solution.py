@@ -12,19 +12,11 @@ from typing import Literal
 
 import numpy as np
 
-from mmocap_warp.calibration.solve import UnsolvableError
+from mmocap_warp.calibration.solve import UnsolvableError, tangents
 from mmocap_warp.calibration.solve.floor_views import FEWEST_FRAMES, place_on_floor, rigid_motion, standing_view
 from mmocap_warp.calibration.solve.level import head_and_foot_points, level_world
 from mmocap_warp.calibration.solve.person_axis import PersonInViews, person_in_views
-from mmocap_warp.calibration.solve.tangents import (
-    FOCAL_SIGMA,
-    MAX_MISS,
-    OUTLIERS,
-    Pinholes,
-    find_tangents,
-    residuals,
-    solve_tangents,
-)
+from mmocap_warp.calibration.solve.tangents import MAX_MISS, Pinholes, solve_tangents
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.scene.recording import Scene
@@ -107,15 +99,15 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     free = np.full(len(names), guessed)
     cameras, sigma = _solve(rough, person, stature, free)
     # Focal lengths that the walk does not determine are held at their guesses, and the rest is solved again.
-    vague = free & (sigma[2] > _MAX_FOCAL_RATIO * FOCAL_SIGMA)
+    vague = free & (sigma[2] > _MAX_FOCAL_RATIO * tangents.FOCAL_SIGMA)
     if vague.any():
         rough = replace(rough, focal=np.where(vague[:, None], rough.focal, cameras.focal))
         free &= ~vague
         cameras, sigma = _solve(rough, person, stature, free)
     # Views must agree, and determine the cameras.
-    tangents = find_tangents(cameras, person.hull)
-    missed = np.abs(residuals(cameras, tangents))
-    in_view = [missed[tangents.in_view(k)] < MAX_MISS for k in range(len(names))]
+    found = tangents.find_tangents(cameras, person.hull)
+    missed = np.abs(tangents.residuals(cameras, found))
+    in_view = [missed[found.in_view(k)] < MAX_MISS for k in range(len(names))]
     agreed = np.array([float(agrees.mean()) if len(agrees) else 0.0 for agrees in in_view])
     _check(names, agreed, sigma)
     # The head's path, and everything in the scene's world.
@@ -195,7 +187,7 @@ def _solve(
     for block in np.array_split(np.arange(person.head.shape[1]), _BLOCKS):
         rest = person.without(block)
         # The cameras without this block, moved over the floor onto those with it.
-        solved = level_world(solve_tangents(cameras, rest.hull, free_focal, OUTLIERS[-1:]), rest, stature)
+        solved = level_world(solve_tangents(cameras, rest.hull, free_focal, tangents.OUTLIERS[-1:]), rest, stature)
         turn, shift = rigid_motion(solved.centre[:, :2], cameras.centre[:, :2])
         centres.append(np.column_stack([solved.centre[:, :2] @ turn.T + shift, solved.centre[:, 2]]))
         tilts.append(np.arcsin(-solved.R[:, 2, 2]))

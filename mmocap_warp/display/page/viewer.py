@@ -42,11 +42,7 @@ class Page:
     frames: int  # how many frames the result has
 
     def write(self, path: str | Path) -> None:
-        """Write it as a file, whole or not at all.
-
-        Raises:
-            InputError: the folder cannot be written.
-        """
+        """Write it as a file, whole or not at all; an InputError if the folder cannot be written."""
         write_whole(Path(path), self.html.encode())
 
     def _repr_html_(self) -> str:

@@ -42,11 +42,7 @@ EVERY_OTHER = ""
 
 
 def image_size_of(sizes: Sizes, name: str, source: object, problem: str) -> tuple[int, int]:
-    """Width and height [px] of a camera's images, from elsewhere than its file.
-
-    Raises:
-        InputError: the size is not known; ``problem`` says what the file lacks.
-    """
+    """Width and height [px] of a camera's images; an InputError if unknown, its ``problem`` what the file lacks."""
     stated = sizes or {}
     if name not in stated and EVERY_OTHER not in stated:
         raise InputError(source, problem, "add the image size in pixels, or name the camera's video in the scene")

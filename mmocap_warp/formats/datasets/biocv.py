@@ -68,6 +68,5 @@ def _read_camera(path: Path, name: str) -> Camera:
     scale = float(stretch.mean())
     if not 0.5 < scale < 2 or np.ptp(stretch) > _MAX_SHEAR * scale:
         raise InputError(path, f"L stretches lengths by {stretch.min():.4g} to {stretch.max():.4g}", REMEDY)
-    return Camera(
-        name, K.reshape(3, 3), u @ vt, t / scale * dataset_scene.MILLIMETRE, (int(width), int(height)), distortion
-    )
+    size, place = (int(width), int(height)), t / scale * dataset_scene.MILLIMETRE
+    return Camera(name, K.reshape(3, 3), u @ vt, place, size, distortion)

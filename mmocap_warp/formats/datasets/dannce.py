@@ -45,9 +45,8 @@ def read_dannce(root: Path, first: str = "0") -> DatasetScene:
     else:
         session = path.stem.removeprefix("mocap-")
         patterns = [f"**/{session}-{file_name(name, path).lower()}-{first}.mp4" for name in names]
-    videos, fps, _ = dataset_scene.open_videos(
-        [dataset_scene.find_files(root, pattern, "a camera's video")[0] for pattern in patterns]
-    )
+    found = [dataset_scene.find_files(root, pattern, "a camera's video")[0] for pattern in patterns]
+    videos, fps, _ = dataset_scene.open_videos(found)
     of_cameras = zip(names, lenses, videos, strict=True)
     cameras = [_read_camera(name, lens, keys, path, video.size) for name, lens, video in of_cameras]
     # By how many frames cameras lead the first one, as a rule, in these videos.
@@ -63,7 +62,8 @@ def read_dannce(root: Path, first: str = "0") -> DatasetScene:
     ]
     # The scene begins where all cameras have begun.
     offsets -= offsets.min()
-    count = min(len(video) - offset for video, offset in zip(videos, offsets.tolist(), strict=True))
+    shifted = list(zip(videos, offsets.tolist(), strict=True))
+    count = min(len(video) - offset for video, offset in shifted)
     if count < 1:
         raise InputError(path, "says that the videos have no moment in common", REMEDY)
     numbers, rows = np.unique(at - int(first) - offsets[0], return_index=True)
@@ -74,9 +74,7 @@ def read_dannce(root: Path, first: str = "0") -> DatasetScene:
     else:
         notes.append(f"no truth: {path.name} has no points in these frames")
     about = (f"{path.stem}, frames from {first} on, written by mmocap dataset.",)
-    files = tuple(
-        CameraFiles(video.path, frame_offset=offset) for video, offset in zip(videos, offsets.tolist(), strict=True)
-    )
+    files = tuple(CameraFiles(video.path, frame_offset=offset) for video, offset in shifted)
     return DatasetScene(about, path.stem, rig_of(cameras, "+z", path), fps, count, files, truth, tuple(notes))
 
 

@@ -79,10 +79,7 @@ class DatasetScene:
     def write(self, folder: str | Path) -> Path:
         """Write ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``, which names the user's videos.
 
-        The folder is made if it does not exist; files of the same names are replaced.
-
-        Returns:
-            Path of ``scene.toml``.
+        The folder is made if it does not exist; files of the same names are replaced. The path is the scene file's.
         """
         folder = Path(folder)
         with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
@@ -110,11 +107,7 @@ class DatasetScene:
 
 
 def find_files(folder: Path, pattern: str, what: str) -> list[Path]:
-    """What a folder holds under names of a pattern, in natural order; at least one.
-
-    Raises:
-        InputError: no such folder, or nothing there; ``what`` says what should be.
-    """
+    """Files of a folder by a pattern of names, in natural order; an InputError without any says ``what`` should be."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "check the path of the data set")
     files = sorted(folder.glob(pattern), key=lambda file: natural_order(file.name))

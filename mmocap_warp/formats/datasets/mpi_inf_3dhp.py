@@ -40,9 +40,8 @@ source = "masks"
 def read_3dhp(root: Path, subject: str, sequence: str) -> DatasetScene:
     """Read a sequence such as ``S1`` ``Seq1``, by the cameras whose videos are there."""
     folder = root / file_name(subject, "SUBJECT") / file_name(sequence, "SEQUENCE")
-    videos = {
-        video.stem: video for video in dataset_scene.find_files(folder / "imageSequence", "video_*.avi", "the videos")
-    }
+    found = dataset_scene.find_files(folder / "imageSequence", "video_*.avi", "the videos")
+    videos = {video.stem: video for video in found}
     rig = _read_rig(folder / "camera.calibration", videos)
     _, fps, frames = dataset_scene.open_videos([videos[name] for name in rig.names])
     masks = [folder / "FGmasks" / videos[name].name for name in rig.names]

@@ -47,6 +47,8 @@ def with_rig(result: Result, rig: str) -> Result:
     # The body in the rig's rest pose, under the rig's names; joints' axes are the body's, and free.
     names, joints = rig_names(body, rig), body.skeleton.joints
     turn, rest = rest_pose(body, RIGS[rig])
+    skin, shift = body.skin, rest - np.einsum("jab,jb->ja", turn, body.joint_rest)
+    moved = np.einsum("vkab,vb->vka", turn[skin.joint], skin.rest) + shift[skin.joint]
     skeleton = replace(
         body.skeleton,
         joints=tuple(names[joint] for joint in joints),
@@ -58,7 +60,7 @@ def with_rig(result: Result, rig: str) -> Result:
         body,
         skeleton=skeleton,
         joint_rest=rest.astype(np.float32),
-        skin=replace(body.skin, rest=_skin_rest(body, turn, rest)),
+        skin=replace(skin, rest=np.einsum("vk,vka->va", skin.weight, moved).astype(np.float32)),
         shape_names=(),
         shape_vertex=body.shape_vertex[:0],
         shape_joint=body.shape_joint[:0],
@@ -132,10 +134,3 @@ def _smallest_rotation(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
     axis, cosine = np.cross(unit, direction), float(unit @ direction)
     across = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     return np.eye(3) + across + across @ across / (1 + cosine)
-
-
-def _skin_rest(body: BodyModel, turn: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """(vertex, 3) float32, the skin in the rig's rest pose."""
-    skin, shift = body.skin, rest - np.einsum("jab,jb->ja", turn, body.joint_rest)
-    moved = np.einsum("vkab,vb->vka", turn[skin.joint], skin.rest) + shift[skin.joint]
-    return np.einsum("vk,vka->va", skin.weight, moved).astype(np.float32)

@@ -26,7 +26,6 @@ FIRST_FRAME = 6
 _TRIAL = 1  # the only one that has both video and public motion capture
 _CLIPS = (1, 2, 3)
 
-
 SEQUENCES: dict[tuple[str, str], tuple[int, tuple[int, int, int]]] = {
     ("S1", "Walking"): (1203, (82, 81, 82)),
     ("S1", "Jog"): (740, (51, 51, 50)),
@@ -80,9 +79,8 @@ def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: 
     videos = [_open_video(_find_entry(data, "Image_Data"), f"{trial}_({camera})") for camera in CAMERAS]
     rig = _read_rig(_find_entry(data, "Calibration_Data"), videos)
     sync_data = _find_entry(data, "Sync_Data")
-    sync = humaneva_files.synchronise(
-        [humaneva_files.read_ofs(_find_entry(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS]
-    )
+    offsets = [humaneva_files.read_ofs(_find_entry(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS]
+    sync = humaneva_files.synchronise(offsets)
     _check_range(videos, sync, end)
     truth, no_joints = _read_truth(_find_entry(data, "Mocap_Data"), subject, trial, sync, np.arange(begin, end + 1))
     empty_room = _find_entry(root, "Background")

@@ -108,12 +108,11 @@ def rigid_skin(parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray,
     """
     if not parts:
         raise InputError(path, "has no geometry", "give a robot with visual meshes")
-    return joined_parts(
-        [
-            Skin(vertex @ turn.T + place, face, np.full((len(vertex), 1), joint), np.ones((len(vertex), 1)))
-            for vertex, face, turn, place, joint in parts
-        ]
-    )
+    skins = [
+        Skin(vertex @ turn.T + place, face, np.full((len(vertex), 1), joint), np.ones((len(vertex), 1)))
+        for vertex, face, turn, place, joint in parts
+    ]
+    return joined_parts(skins)
 
 
 def robot(name: str, joints: list[str], parent: list[int], bind: np.ndarray, skin: Skin, **more: Any) -> RiggedMesh:

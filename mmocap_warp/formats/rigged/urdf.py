@@ -29,7 +29,12 @@ def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
     folder = Path(meshes) if meshes is not None else path.parent
     kinds = ValueError, TypeError, KeyError, IndexError, RecursionError
     with input_errors(path, "is damaged, or no URDF ({error})", _REMEDY, *kinds):
-        return _read_robot(_parse_xml(path), path, folder)
+        root = plain_xml(read_bytes(path, "check the path"), path, _REMEDY)
+        if root.tag != "robot":
+            raise InputError(path, f"begins with <{root.tag}>, not <robot>", _REMEDY)
+        if any("xacro" in element.tag for element in root.iter() if isinstance(element.tag, str)):
+            raise InputError(path, "is a xacro template", "write it out with `xacro` first")
+        return _read_robot(root, path, folder)
 
 
 class _Joint(NamedTuple):
@@ -41,15 +46,6 @@ class _Joint(NamedTuple):
     axis: np.ndarray
     lower: float
     upper: float
-
-
-def _parse_xml(path: Path) -> Element:
-    root = plain_xml(read_bytes(path, "check the path"), path, _REMEDY)
-    if root.tag != "robot":
-        raise InputError(path, f"begins with <{root.tag}>, not <robot>", _REMEDY)
-    if any("xacro" in element.tag for element in root.iter() if isinstance(element.tag, str)):
-        raise InputError(path, "is a xacro template", "write it out with `xacro` first")
-    return root
 
 
 def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:

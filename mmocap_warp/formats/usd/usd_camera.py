@@ -136,7 +136,8 @@ def _read(path: str | Path) -> tuple[CameraRig | None, list[Camera], str]:
 
 def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
     prim = camera.GetPrim()
-    if _is_moving(prim):
+    above = (UsdGeom.Xformable.Get(prim.GetStage(), place) for place in prim.GetPath().GetAncestorsRange())
+    if any(placed and placed.TransformMightBeTimeVarying() for placed in above):  # itself is one of these
         raise InputError(path, f"{prim.GetPath()} moves", _EXPORT_REMEDY)
     film = "horizontalAperture", "verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"
     lens = [prim.GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) for name in ("focalLength", *film)]
@@ -153,12 +154,6 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
     axes = world[:3, :3] / np.maximum(np.linalg.norm(world[:3, :3], axis=0), 1e-12)
     R = _FROM_USD @ axes.T
     return Camera(prim.GetName(), K, R, -R @ world[:3, 3] * metres, (1, 1), np.zeros(5))
-
-
-def _is_moving(prim: Usd.Prim) -> bool:
-    """Whether a prim, or one above it, has another place at another time."""
-    places = (UsdGeom.Xformable.Get(prim.GetStage(), path) for path in prim.GetPath().GetAncestorsRange())
-    return any(place and place.TransformMightBeTimeVarying() for place in places)
 
 
 def _in_pixels(camera: Camera, size: tuple[int, int], path: str | Path) -> Camera:

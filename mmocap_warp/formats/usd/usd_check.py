@@ -20,8 +20,7 @@ from mmocap_warp.formats.usd.usd_result import holds_result, read_result
 _WEIGHT_SUM_TOLERANCE = 1e-4
 _SINGULAR = 1e-9  # a determinant
 _UNIT_QUATERNION_TOLERANCE = 1e-3
-_STRETCH_TOLERANCE = 1e-3
-"""Of a bone's length, by how much it may differ from the rest pose's."""
+_STRETCH_TOLERANCE = 1e-3  # of a bone's length, by how much it may differ from the rest pose's
 
 
 @reads_usd

@@ -78,11 +78,7 @@ def set_time_range(stage: Usd.Stage, frame_numbers: np.ndarray, fps: float) -> N
 
 
 def export_root(stage: Usd.Stage, file: Path) -> None:
-    """Write the stage's root layer to a file.
-
-    Raises:
-        OSError: with the first of what USD complains of; after a full disk that is thousands of lines.
-    """
+    """Write the stage's root layer to a file; an OSError with the first of USD's complaints, which may be thousands."""
     try:
         stage.GetRootLayer().Export(native_path(file))
     except Tf.ErrorException as error:

@@ -19,11 +19,7 @@ _REMEDY = "track the people again"
 
 
 def write_people(path: Path, people: dict[str, tuple[Path, Result]]) -> None:
-    """Write what refers to the files of people's results, which lie beside it, by the people's names.
-
-    Raises:
-        InputError: a file that cannot be written.
-    """
+    """Write what refers to the files of people's results, which lie beside it, by the people's names."""
     (_, first), *_ = people.values()
     files = {name: f"./{file.name}" for name, (file, _) in people.items()}
     stage = new_world(first.cameras.up)
@@ -43,11 +39,7 @@ def write_people(path: Path, people: dict[str, tuple[Path, Result]]) -> None:
 
 @usd_file.reads_usd
 def results_in(path: str | Path) -> dict[str, Path]:
-    """The files of people's results by the people's names; none where the file is no such stage.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
+    """The files of people's results by the people's names; none where the file is no such stage."""
     return results_of(usd_file.read_stage(path), path)
 
 

@@ -110,7 +110,9 @@ class _Actor:
 
 
 def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
-    plain = [_plain_name(name) for name in clip.joint_names]
+    # In small letters, without a prefix such as Mixamo's and without separators.
+    own = [name.split(":")[-1].lower().removeprefix("mixamorig") for name in clip.joint_names]
+    plain = [name.replace("_", "").replace(" ", "") for name in own]
     number = {}
     for role, names in _NAMES.items():
         for side in "LR" if role[0] == "L" else ("",):
@@ -122,11 +124,6 @@ def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
                 raise InputError(source, problem, f"name it {' or '.join(wanted)}")
             number[joint] = plain.index(known[0])
     return number
-
-
-def _plain_name(name: str) -> str:
-    """A joint's name in small letters, without a prefix such as Mixamo's and without separators."""
-    return name.split(":")[-1].lower().removeprefix("mixamorig").replace("_", "").replace(" ", "")
 
 
 def _other_side(name: str) -> str:

@@ -8,7 +8,7 @@ together, and the check names the changes of one camera in one respect that expl
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -64,6 +64,11 @@ class Finding:
     others: tuple[str, ...] = ()  # causes that explain nearly as much
     mistake: Mistake | None = None  # the gross mistake, where it is one
     words: str = ""  # what is wrong, in words, where it is no change of the parameters
+
+    @classmethod
+    def of(cls, mistake: Mistake) -> Self:
+        """A gross mistake as a finding."""
+        return cls((mistake.cameras or ("all cameras",))[0], mistake.cause, mistake=mistake, words=str(mistake))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +130,7 @@ def check(
     mistake = views.mistake()[1] if views.large_enough else None
     mistake = mistake or gross_mistake(rig, landmarks(rig, observations), footage.fps)
     if mistake is not None:
-        whose = (mistake.cameras or ("all cameras",))[0]
-        finding = Finding(whose, mistake.cause, mistake=mistake, words=str(mistake))
-        return CameraCheck(rig.names, covered, None, (finding,), footage.scale)
+        return CameraCheck(rig.names, covered, None, (Finding.of(mistake),), footage.scale)
     # Otherwise the person is tracked, and the cameras are adjusted.
     change = adjustment.start()
     subject = adjustment.fit_body(change)

@@ -27,16 +27,17 @@ _DECIDED_BY = {
 }
 
 
-def _scale_options(scene: Scene) -> tuple[str, ...]:
-    """``--scale`` with a power of two, where images are large and the scene names no scale."""
+def _mask_step(scene: Scene) -> str:
+    """The command that makes a scene's masks, of large images as small as they are tracked."""
     from mmocap_warp.scene.drafting import tracking_scale
 
-    scale = tracking_scale(scene.calibrated.size)
-    return () if scale == 1 or "scale" in scene.track else ("--scale", f"{scale:g}")
+    scale = 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
+    options = () if scale == 1 else ("--scale", f"{scale:g}")
+    return next_step("mask", scene.path, "-o", scene.path.parent / "masks", *options)
 
 
-def _track_step(scene: Path, result_folder: Path, *options: str) -> str:
-    return next_step("track", scene, "-o", result_folder / "result.usdc", *options)
+def _track_step(scene: Path) -> str:
+    return next_step("track", scene, "-o", scene.parent / "result.usdc")
 
 
 @command("new_scenes:init")
@@ -52,10 +53,10 @@ def init(call: Any, folder: Path) -> Answer:
 
 
 @command("mask:mask", frames=SceneFrames)
-def mask(call: Any, scale: float) -> Answer:
+def mask(call: Any) -> Answer:
     masks = call()
     report, good = masks.report, masks.remedy is None
-    step = _track_step(masks.scene, masks.source.parent, *(_scale_options(masks.recording) if scale == 1 else ()))
+    step = next_step("track", masks.scene, "-o", masks.source.parent / "result.usdc")
     made = masks.consistency
     changes = {} if made is None else {"filled_px": made.filled, "cut_px": made.cut}
     views = {
@@ -111,10 +112,8 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
 
     loaded = load_scene(scene, masks=False)
     shown = call(scene=loaded)
-    folder, options = loaded.path.parent, _scale_options(loaded)
-    step = _track_step(loaded.path, folder, *options)
-    if any(source.masks is None for source in loaded.cameras):
-        step = next_step("mask", loaded.path, "-o", folder / "masks", *options)
+    masked = all(source.masks for source in loaded.cameras)
+    step = _track_step(loaded.path) if masked else _mask_step(loaded)
     values = {
         "cameras": [
             {"name": row.name, "size": size, "centre_m": row.centre}
@@ -190,7 +189,7 @@ def _scene_lines(timing: dict[str, dict[str, float]]) -> list[str]:
 @command("new_scenes:synthesize")
 def synth(call: Any, cameras: int) -> Answer:
     made = call()
-    step = _track_step(made.scene, made.scene.parent)
+    step = _track_step(made.scene)
     values = attributes(made, "scene", "motion") | {"body": made.recording.body.name, "frames": len(made.recording)}
     return Answer(values | {"cameras": cameras, "next": step}, [repr(made), f"next: {step}"])
 

@@ -6,19 +6,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import cv2
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.commands.caller import Reporter, arguments_checked
+from mmocap_warp.commands.caller import Reporter, arguments_checked, effective
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.masks.cleanup import clean_mask, rivals
 from mmocap_warp.masks.mask_image import Labels, decode_mask
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.camera_source import CameraSource
+from mmocap_warp.scene.drafting import LARGE_IMAGE, tracking_scale
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.tracking.track_config import TrackConfig
 
 Frames: TypeAlias = str | int | range | None
 """Which frames: ``"first:end"``, ``"first:end:stride"`` or a range by the recording's numbers, or a count."""
@@ -224,6 +227,27 @@ def _others(scene: Scene, source: CameraSource) -> str | None:
         f"shows two blobs of about equal size ({larger} and {smaller} px), and one person is tracked at a time:"
         f" {remedy}, make masks of one person (docs/masks.md), or name their label under [labels] as several"
     )
+
+
+def track_settings(
+    scene: Scene, given: Mapping[str, Any], base: TrackConfig | None, *, seen: bool = True
+) -> TrackConfig:
+    """The settings to track a scene with, as :func:`~mmocap_warp.commands.caller.effective`.
+
+    Large images are scaled by how long the subject is in the first frame, unless a setting or ``base`` says how. Where
+    no frame can be ``seen`` yet, that is guessed.
+    """
+    chosen, size = effective(TrackConfig, scene.settings("track"), given, base), scene.calibrated.size
+    if base is not None or "scale" in {*given, *scene.track} or size.max() < LARGE_IMAGE:
+        return chosen
+    lengths = []
+    if seen:
+        from mmocap_warp.calibration.first_look import few_masks
+
+        rig, [masks] = few_masks(scene.of_frames(scene.frames[:1]))
+        by = size.max() / rig.size.max()
+        lengths = [by * max(cv2.boundingRect(mask.view(np.uint8))[2:]) for mask in masks if mask.any()]
+    return replace(chosen, scale=tracking_scale(size, float(np.median(lengths)) if lengths else None))
 
 
 def look_first(

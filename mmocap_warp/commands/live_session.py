@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.commands.caller import Reporter, arguments_checked, describe, effective, start_warp
-from mmocap_warp.commands.inputs import Frames, scene_from
+from mmocap_warp.commands.caller import Reporter, arguments_checked, describe, start_warp
+from mmocap_warp.commands.inputs import Frames, scene_from, track_settings
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.commands.track import fit
 from mmocap_warp.commands.track_people import everybody, file_of
@@ -99,7 +99,7 @@ def live(
     scenes = _scenes(loaded, person)
     if subject is not None and len(scenes) > 1:
         raise UsageError("--subject is of one person: name each one's in the scene, or choose one by --person")
-    chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
+    chosen = track_settings(loaded, settings, config, seen=not source)
     if chosen.runs != 1:
         raise UsageError(f"--runs must be 1 to track live, got {chosen.runs}")
     files = _files(None if record is None else Path(record), [*scenes], force, reporter)

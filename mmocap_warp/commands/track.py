@@ -19,6 +19,7 @@ from mmocap_warp.commands.inputs import (
     result_from,
     scene_from,
     scene_reference,
+    track_settings,
     truth_of,
 )
 from mmocap_warp.commands.mask import with_masks
@@ -220,7 +221,7 @@ def track(
     if again is not None:
         return _again(loaded, again, pins, config, file, reporter, settings)
     loaded = with_masks(loaded, reporter, effective(TrackConfig, loaded.settings("track"), settings, config))
-    chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
+    chosen = track_settings(loaded, settings, config)
     truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}
 

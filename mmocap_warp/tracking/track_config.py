@@ -56,7 +56,11 @@ class TrackConfig:
         f"'{AS_GIVEN}', or '{REFINE}': before a scene is tracked, cameras and times are refined by the subject before "
         "them, as far as that is significantly better.",
     )
-    scale: float = setting(1.0, "Of masks and cameras, up to 1.")
+    scale: float = setting(
+        1.0,
+        "Of masks and cameras, up to 1.",
+        "1; in large images of a scene what leaves the subject 220 to 440 pixels",
+    )
     device: str = setting("auto", "auto, cpu or a CUDA device such as cuda:0.")
     threads: int | None = setting(None, "CPU threads.", "all that this process may use")
 

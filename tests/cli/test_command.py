@@ -14,7 +14,7 @@ import pytest
 
 from mmocap_warp.cli.command import BY_FLAG, Answer, Given, command
 from mmocap_warp.cli.console import CHECK_FAILED, Console
-from mmocap_warp.cli.scene_commands import _scale_options
+from mmocap_warp.cli.scene_commands import _mask_step
 from mmocap_warp.commands import new_scenes
 
 
@@ -72,16 +72,18 @@ def test_a_function_that_is_not_there_is_an_error():
 
 
 @pytest.mark.parametrize(
-    ("longest", "track", "options"),
+    ("size", "track", "options"),
     [
-        (640, {}, ()),
-        (720, {}, ()),
-        (1280, {}, ("--scale", "0.5")),
-        (1920, {}, ("--scale", "0.25")),
-        (3840, {}, ("--scale", "0.125")),
-        (1920, {"scale": 0.5}, ()),
+        ((640, 480), {}, ""),
+        ((720, 960), {}, ""),
+        ((1280, 720), {}, " --scale 0.5"),
+        ((1920, 1080), {}, " --scale 0.5"),
+        ((1080, 1920), {}, " --scale 0.25"),
+        ((3840, 2160), {}, " --scale 0.25"),
+        ((1920, 1080), {"scale": 0.5}, ""),
     ],
 )
-def test_the_next_command_scales_large_images(longest, track, options):
-    scene = SimpleNamespace(calibrated=SimpleNamespace(size=np.array([[480, 640], [400, longest]])), track=track)
-    assert _scale_options(scene) == options
+def test_the_next_command_scales_large_images(size, track, options):
+    calibrated = SimpleNamespace(size=np.array([[480, 640], size]))
+    step = _mask_step(SimpleNamespace(calibrated=calibrated, track=track, path=Path("scene.toml")))
+    assert step == f"mmocap mask scene.toml -o masks{options}"

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from walk_scene import walking
 
 import mmocap_warp as mm
+from mmocap_warp.calibration import first_look
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, changed
 from mmocap_warp.calibration.refine import refinement
 from mmocap_warp.calibration.refine.refinement import Overlaps, Refinement
 from mmocap_warp.commands import track
+from mmocap_warp.commands.inputs import track_settings
 from mmocap_warp.errors import InputError
 from mmocap_warp.scenes import ROOT
 
@@ -100,3 +103,34 @@ def test_offsets_are_split_into_frames_and_the_rest():
     offsets = dict.fromkeys(scene.calibrated.names, 0.0) | {scene.calibrated.names[2]: 1.25 / scene.fps}
     late = scene.with_cameras(scene.calibrated, offsets).cameras
     assert [(source.frame_offset, source.fraction) for source in late[1:3]] == [(0, 0.0), (1, pytest.approx(0.25))]
+
+
+LARGE = np.array([[1920, 1080], [1280, 720]])
+
+
+@pytest.mark.parametrize(
+    ("tall", "scale"),
+    [((20, 20, 20), 1.0), ((76, 72, 0), 0.5), ((146, 150, 20), 0.5), ((147, 150, 0), 0.25), ((0, 0, 0), 0.5)],
+)
+def test_large_images_are_scaled_until_the_subject_has_220_to_440_pixels(tall, scale, monkeypatch):
+    """By the median of the views that show somebody in the first frame; where none does, that is guessed."""
+    masks = [np.zeros((180, 320), bool) for _ in tall]
+    for mask, height in zip(masks, tall, strict=True):
+        mask[5 : 5 + height, 7:12] = True
+    scene = mm.load_scene(ROOT / "walk", "0:2")
+    looked = []
+
+    def few_masks(of):
+        looked.append(of.frame_count)
+        return SimpleNamespace(size=np.array([[320, 180], [213, 120]])), [masks]
+
+    monkeypatch.setattr(first_look, "few_masks", few_masks)
+    assert track_settings(scene, {"seed": 3}, None) == mm.TrackConfig(seed=3)  # 640x480
+    large = replace(scene, calibrated=replace(scene.calibrated.select(scene.calibrated.names[:2]), size=LARGE))
+    assert track_settings(large, {"seed": 3}, None) == mm.TrackConfig(seed=3, scale=scale)
+    assert looked == [1]
+    assert track_settings(large, {"scale": 0.75}, None).scale == 0.75
+    assert track_settings(replace(large, track={"scale": 0.3}), {}, None).scale == 0.3
+    assert track_settings(large, {}, mm.TrackConfig()).scale == 1.0
+    assert track_settings(large, {}, None, seen=False).scale == 0.5
+    assert looked == [1]

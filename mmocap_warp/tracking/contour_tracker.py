@@ -33,7 +33,7 @@ from mmocap_warp.tracking.from_settings import make_fitter, make_objective, sear
 from mmocap_warp.tracking.pose_search import PoseSearch, RootFrame
 from mmocap_warp.tracking.recovery_starts import SCATTERED_POSES, RecoveryStarts
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.tracking.tracker import lost_frame, overlap
+from mmocap_warp.tracking.tracker import lost_frame, others_in, overlap, without_worst
 from mmocap_warp.tracking.uncovered import LARGEST_USUAL_AREA, LASTING_AREA, UncoveredArea, look_interval, stands_out
 
 _STEPS = 5  # descent steps from the last pose
@@ -51,6 +51,7 @@ _STILL_UNCOVERED = 0.5  # a limb is found where less than this share of the area
 _COMPARED = 6  # poses with such limbs whose uncovered area is compared
 _AREA_WORTH = 2.0  # overlap that a square metre of uncovered area is worth in a body as large as a person
 _LARGEST_LOSS = 0.008  # overlap that a pose which covers a limb may cost
+_MATCHED = 0.5  # share of the body's outline that a mask must show to be of it and others, and not of everything
 
 
 def starts_per_run(config: TrackConfig) -> int:
@@ -173,8 +174,9 @@ class ContourTracker:
         return self._state.falls_short(answer, fall, exposed * self._subject.body.relative_size)
 
     def _is_lost(self, answer: Candidates) -> np.ndarray:
-        """(run,) bool: whether an answer is so far from the masks that it is no pose of the body."""
-        return np.asarray(self._state.level_known & self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED))
+        """(run,) bool: whether an answer is too far from the masks to be a pose of the body, whoever else is seen."""
+        own = replace(answer, overlap=np.fmax(answer.overlap, answer.own_overlap))
+        return np.asarray(self._state.level_known & self._falls_short(own, _LOST_OVERLAP, _LOST_EXPOSED))
 
     def _recovered(
         self, search: PoseSearch, answer: Candidates, short: np.ndarray, observation: Observation
@@ -293,8 +295,9 @@ class ContourTracker:
         pose, tally, cost, pixels = self._answers.read(total)
         # Of the lengths of exposed outline in the views, the second longest.
         exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)
-        iou = overlap(pixels, observation)
-        return Candidates(pose, iou, exposed, cost, np.nanmean(iou, axis=1))
+        iou, matched = overlap(pixels, observation), tally[..., 2] > _MATCHED * tally[..., 1]
+        own = overlap(pixels, observation, others_in(pixels, observation.foreground) * matched)
+        return Candidates(pose, iou, exposed, cost, np.nanmean(iou, axis=1), without_worst(own))
 
     def _descend(self, starts: np.ndarray, steps: int, *, judged: bool = True) -> None:
         """Let contours lead on from starts (run, start, coordinate), and judge where they lead unless that can wait."""

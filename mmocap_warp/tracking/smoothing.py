@@ -31,7 +31,7 @@ from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs, mirrored
 from mmocap_warp.tracking.pins import Pins
 from mmocap_warp.tracking.recovery_starts import RecoveryStarts
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.tracking.tracker import overlap
+from mmocap_warp.tracking.tracker import CROWDED_OVERLAP, others_in, overlap
 from mmocap_warp.tracking.uncovered import LASTING_AREA, Uncovered, UncoveredArea, look_interval, parts_in_doubt
 
 SmoothReport = Callable[[int], None]
@@ -49,6 +49,7 @@ _STEPS = 5  # descent steps of a pose while a window is followed backwards
 _HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]
 _UNSURE = 0.05  # deviation of a joint from which on holes in most masks may hide it [m], in a body like a person
 _LEAST_WHOLE = 2  # so many views without a hole show where a limb is
+_CROWDED_VIEWS = 0.5  # share of the views that show others from which on what a body leaves uncovered is theirs
 _DRIFT = 0.2  # seconds in which limbs drift off before a clip's end is lost, which no later frame tells of
 _FALL = 0.03  # overlap below that of the frames before from which a limb may be elsewhere for a moment
 
@@ -191,15 +192,28 @@ class _MaskWindow:
             each.append(self._body_fitter.linearise_views(np.zeros(1, int), rooted[i : i + 1]))
         return each[0].followed_by(*each[1:])
 
-    def judged(self, frame: int, pose: np.ndarray, moving: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Costs (pose,) by areas and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen."""
+    def others(self, frame: int, pose: np.ndarray) -> np.ndarray:
+        """Pixels (camera,) of a frame's masks that show others than who has a pose (coordinate,)."""
+        self._objective.observe(self._held[frame % self._places])
+        self._judged = frame
+        return others_in(self._objective.judged(pose[None])[1][0], self._held[frame % self._places].foreground)
+
+    def judged(
+        self, frame: int, pose: np.ndarray, moving: np.ndarray | None = None, others: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Costs (pose,) by areas and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen.
+
+        Of the masks, pixels that show ``others`` (camera,) do not count.
+        """
         observation, objective = self._held[frame % self._places], self._objective
+        if others is not None:
+            observation = replace(observation, foreground=observation.foreground - others)
         cost, iou = np.full(len(pose), np.nan), np.full((len(pose), len(observation.foreground)), np.nan)
         if not observation.foreground.any():
             return cost, iou
-        if frame != self._judged:  # poses of one frame are judged in a row
+        if frame != self._judged or others is not None:  # poses of one frame are judged in a row
             objective.observe(observation)
-            self._judged = frame
+            self._judged = frame if others is None else None
         for first in range(0, len(pose), objective.candidates):
             part = slice(first, min(first + objective.candidates, len(pose)))
             cost[part], count = objective.judged(pose[part], moving)
@@ -268,6 +282,7 @@ class _RunSmoother:
         self._usual_misfit = uncertainty.USUAL_MISFIT * subject.body.relative_size
 
         self._looks: dict[int, np.ndarray] = {}
+        self._others: dict[int, np.ndarray | None] = {}  # pixels (camera,) of a frame's masks that show others
         self._look_interval = look_interval(raw.rate, final=True)
 
         self._finished = 0
@@ -352,6 +367,10 @@ class _RunSmoother:
     def area(self, frame: int, rooted: RootedPoses) -> np.ndarray:
         """See :class:`~mmocap_warp.contour.clip.backward_pass.UncoveredMask`."""
         poses = self._rooting.leave(rooted, np.zeros(3))
+        others = self._others_in(frame)
+        # Of a crowd the limbs of one would cover much if they were elsewhere.
+        if others is not None and np.mean(others > 0) > _CROWDED_VIEWS:
+            return np.zeros(len(poses))
         areas = np.array([look.area.sum() for look in self._masks.uncovered(frame, poses)])
         return areas / (LASTING_AREA * self._size**2)
 
@@ -366,8 +385,18 @@ class _RunSmoother:
         """See :class:`~mmocap_warp.contour.clip.backward_pass.AreaCost`."""
         poses, cost = self._rooting.leave(rooted, np.zeros(3)), np.zeros(len(frames))
         for same in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(frames)) + 1):
-            cost[same] = self._masks.judged(int(frames[same[0]]), poses[same], moving)[0]
+            frame = int(frames[same[0]])
+            cost[same] = self._masks.judged(frame, poses[same], moving, self._others_in(frame))[0]
         return cost
+
+    def _others_in(self, frame: int) -> np.ndarray | None:
+        """Pixels (camera,) of a frame's masks that show others; None where nobody else is seen."""
+        if frame not in self._others:
+            self._others[frame] = None
+            if (self._raw.iou[self._run, frame] < CROWDED_OVERLAP).any():
+                others = self._masks.others(frame, self._raw.pose[self._run, frame])
+                self._others[frame] = others if others.any() else None
+        return self._others[frame]
 
 
 def _with_interpolated(status: np.ndarray) -> np.ndarray:

@@ -15,6 +15,13 @@ from mmocap_warp.tracking.algorithms import PRESETS
 from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.track_config import TrackConfig
 
+_LEAST_VIEWS = 4  # that see anything, for one of them to be left out
+_CROWDED = 0.3  # mask beside the body over the body's own area from which on somebody else is in a view too
+_COVERED = 0.8  # share of the body that such a mask shows: it is the body's as well
+_USUALLY_BESIDE = 0.05  # mask beside the body over the body's own area where it is alone
+CROWDED_OVERLAP = 1 / (1 + _CROWDED)
+"""Views with a larger overlap show nobody else."""
+
 
 @dataclass(frozen=True, eq=False)
 class TrackState:
@@ -91,8 +98,28 @@ def lost_frame(pose: np.ndarray, cameras: int) -> FrameAnswer:
     return FrameAnswer(pose, cost, iou, 0, STATUS.index("lost"), 0.0)
 
 
-def overlap(count: np.ndarray, observation: Observation) -> np.ndarray:
-    """Intersection over union (n, camera) of pixel counts (n, camera, 2), |M| and |M and F|; NaN for a lost view."""
+def overlap(count: np.ndarray, observation: Observation, others: np.ndarray | int = 0) -> np.ndarray:
+    """Intersection over union (n, camera) of pixel counts (n, camera, 2), |M| and |M and F|; NaN for a lost view.
+
+    Pixels of F that are ``others``' (n, camera) do not count.
+    """
     count = count.astype(np.float64)
-    union = count[..., 0] + observation.foreground - count[..., 1]
+    union = count[..., 0] + observation.foreground - count[..., 1] - others
     return np.where(observation.foreground > 0, count[..., 1] / np.maximum(union, 1), np.nan)
+
+
+def others_in(count: np.ndarray, foreground: np.ndarray) -> np.ndarray:
+    """Pixels (n, camera) of masks F that are somebody else's, by ``count`` (n, camera, 2) of |M| and |M and F|.
+
+    A mask that shows the whole body and far more shows others. Of one that shows another instead, nothing is known.
+    """
+    body, beside = np.maximum(count[..., 0], 1), foreground - count[..., 1]
+    crowded = (beside > _CROWDED * body) & (count[..., 1] > _COVERED * body)
+    return np.where(crowded, beside - (_USUALLY_BESIDE * body).astype(int), 0)
+
+
+def without_worst(iou: np.ndarray) -> np.ndarray:
+    """(n,) the mean overlap of the views (n, camera) that see anything; of four and more the lowest does not count."""
+    lowest = iou == np.nanmin(iou, axis=1, keepdims=True)
+    many = np.isfinite(iou).sum(axis=1, keepdims=True) >= _LEAST_VIEWS
+    return np.asarray(np.nanmean(np.where(many & lowest, np.nan, iou), axis=1))

@@ -155,6 +155,31 @@ def test_a_fault_of_one_view_is_no_limb_that_is_exposed():
     assert made.step(Observation.from_masks(masks)).evaluations == 0
 
 
+def beside(views: tuple[int, ...] = (), instead: tuple[int, ...] = ()) -> Observation:
+    """What is seen with somebody like the body beside it in some views, and in others instead of it."""
+    masks = unpack_masks(seen().words, RIG.size)
+    other = [np.roll(mask, 40, axis=1) for mask in masks]
+    shown = [mask | other[k] if k in views else other[k] if k in instead else mask for k, mask in enumerate(masks)]
+    return Observation.from_masks(shown)
+
+
+@pytest.mark.parametrize(
+    ("observation", "expected"),
+    [
+        (beside((0, 1, 2, 3)), "tracked"),
+        (beside((0, 1, 2), instead=(3,)), "tracked"),
+        (beside(instead=(2, 3)), "lost"),
+        (Observation.from_masks([np.ones((120, 160), bool)] * 4), "lost"),  # which shows no outline
+    ],
+    ids=["beside", "instead in one view", "instead in two", "everything"],
+)
+def test_who_else_is_seen_does_not_lose_the_body(observation, expected):
+    answer = tracker().step(observation)
+    assert status(answer) == expected
+    if expected == "tracked":
+        assert error(answer, SUBJECT.pose) < 0.03
+
+
 @pytest.mark.parametrize(("change", "expected"), [(LOWERED, "rescued"), (ELSEWHERE, "lost")])
 def test_the_result_says_what_happened(change, expected):
     frames = [*[seen()] * KNOWN, *[seen(change)] * 2]

@@ -19,7 +19,7 @@ from mmocap_warp.body.posing import joint_positions
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.contour.clip import clip_problem as clip
 from mmocap_warp.formats.usd.usd_body import read_subject
-from mmocap_warp.masks.observation import KeptObservations, Observation
+from mmocap_warp.masks.observation import KeptObservations, Observation, unpack_masks
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene
@@ -191,6 +191,24 @@ def test_a_lost_frame_is_not_believed_though_it_has_masks():
     believed = smoothed(rough_track(lost=lost), CONFIG, wrong)
     hid = smoothed(rough_track(lost=lost), CONFIG, hidden(seen, lost))
     np.testing.assert_array_equal(believed.pose, hid.pose)
+
+
+def test_a_clip_is_as_near_to_the_truth_where_somebody_walks_by(monkeypatch):
+    """What others' masks show beside a body counts for no pose, and calls for no limb."""
+    own, areas = smoothing._RunSmoother.area, []
+
+    def area(self, frame, rooted):
+        areas.append(own(self, frame, rooted))
+        return areas[-1]
+
+    alone = swinging()[1]
+    masks = [unpack_masks(seen.words, RIG.size) for seen in alone]
+    crowd = [Observation.from_masks([mask | np.roll(mask, 50, axis=1) for mask in views]) for views in masks]
+    error = joint_errors(smoothed(rough_track(), CONFIG, alone).pose[0]).mean()
+    monkeypatch.setattr(smoothing._RunSmoother, "area", area)
+    assert joint_errors(smoothed(rough_track(), CONFIG, crowd).pose[0]).mean() < 1.6 * error
+    assert areas
+    assert not np.concatenate(areas).any()
 
 
 def test_before_an_end_that_is_lost_limbs_are_in_doubt():

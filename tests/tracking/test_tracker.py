@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from mmocap_warp.result.result import STATUS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.frame_loop import collect, track, track_observations
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.tracking.tracker import Tracker, TrackState
+from mmocap_warp.tracking.tracker import Tracker, TrackState, others_in, overlap, without_worst
 
 FPS = 60.0
 TRACKING_ERROR = 0.025  # [m], mean marker error of one run, see the test
@@ -336,3 +337,18 @@ def test_the_component_nearest_the_tracked_body_is_kept(walk):
     for masks, pose in zip(asked, starts, strict=True):
         for mask, expected in zip(masks, perfect_masks(synthetic_subject(), RIG, pose, "cpu"), strict=True):
             assert (mask & expected).sum() > 0.85 * (mask | expected).sum()  # another rasteriser, at 25 mm a pixel
+
+
+def test_what_of_a_mask_is_somebody_elses():
+    """The body has 100 pixels: of masks that show it all and far more the rest is others', but for what is usual."""
+    count = np.array([[[100, 95], [100, 95], [100, 79], [100, 0], [0, 0]]])
+    foreground = np.array([295, 124, 300, 200, 50])
+    assert others_in(count, foreground).tolist() == [[195, 0, 0, 0, 0]]
+    seen = SimpleNamespace(foreground=foreground)
+    np.testing.assert_allclose(overlap(count, seen, others_in(count, foreground))[0, :2], [95 / 105, 95 / 129])
+
+
+def test_of_many_views_the_worst_does_not_count():
+    nan = np.nan
+    iou = np.array([[0.9, 0.8, 0.7, 0.0], [0.9, 0.8, nan, 0.0], [0.9, 0.8, 0.7, nan]])
+    np.testing.assert_allclose(without_worst(iou), [0.8, 1.7 / 3, 0.8])

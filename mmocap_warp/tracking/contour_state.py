@@ -28,7 +28,7 @@ class Candidates(FrameArrays):
     exposed: np.ndarray
     cost: np.ndarray  # (n,) float32
     overlap: np.ndarray  # (n,) mean of iou over the views that see anything: the better of two has the larger one
-    own_overlap: np.ndarray  # (n,) the same without what is others', and without the view that has least of many
+    own_overlap: np.ndarray  # (n,) the same without what is others', nor a view that shows another instead
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -33,7 +33,7 @@ from mmocap_warp.tracking.from_settings import make_fitter, make_objective, sear
 from mmocap_warp.tracking.pose_search import PoseSearch, RootFrame
 from mmocap_warp.tracking.recovery_starts import SCATTERED_POSES, RecoveryStarts
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.tracking.tracker import lost_frame, others_in, overlap, without_worst
+from mmocap_warp.tracking.tracker import lost_frame, others_in, overlap, without_stranger
 from mmocap_warp.tracking.uncovered import LARGEST_USUAL_AREA, LASTING_AREA, UncoveredArea, look_interval, stands_out
 
 _STEPS = 5  # descent steps from the last pose
@@ -297,7 +297,7 @@ class ContourTracker:
         exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)
         iou, matched = overlap(pixels, observation), tally[..., 2] > _MATCHED * tally[..., 1]
         own = overlap(pixels, observation, others_in(pixels, observation.foreground) * matched)
-        return Candidates(pose, iou, exposed, cost, np.nanmean(iou, axis=1), without_worst(own))
+        return Candidates(pose, iou, exposed, cost, np.nanmean(iou, axis=1), without_stranger(own))
 
     def _descend(self, starts: np.ndarray, steps: int, *, judged: bool = True) -> None:
         """Let contours lead on from starts (run, start, coordinate), and judge where they lead unless that can wait."""

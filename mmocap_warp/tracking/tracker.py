@@ -16,6 +16,7 @@ from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _LEAST_VIEWS = 4  # that see anything, for one of them to be left out
+_INSTEAD = 0.3  # overlap below which a view may show another instead of the body
 _CROWDED = 0.3  # mask beside the body over the body's own area from which on somebody else is in a view too
 _COVERED = 0.8  # share of the body that such a mask shows: it is the body's as well
 _USUALLY_BESIDE = 0.05  # mask beside the body over the body's own area where it is alone
@@ -118,8 +119,8 @@ def others_in(count: np.ndarray, foreground: np.ndarray) -> np.ndarray:
     return np.where(crowded, beside - (_USUALLY_BESIDE * body).astype(int), 0)
 
 
-def without_worst(iou: np.ndarray) -> np.ndarray:
-    """(n,) the mean overlap of the views (n, camera) that see anything; of four and more the lowest does not count."""
-    lowest = iou == np.nanmin(iou, axis=1, keepdims=True)
+def without_stranger(iou: np.ndarray) -> np.ndarray:
+    """(n,) mean overlap of views (n, camera) that see anything; of four and more one may show another instead."""
+    lowest = (iou == np.nanmin(iou, axis=1, keepdims=True)) & (iou < _INSTEAD)
     many = np.isfinite(iou).sum(axis=1, keepdims=True) >= _LEAST_VIEWS
     return np.asarray(np.nanmean(np.where(many & lowest, np.nan, iou), axis=1))

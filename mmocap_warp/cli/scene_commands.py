@@ -29,9 +29,9 @@ _DECIDED_BY = {
 
 def _mask_step(scene: Scene) -> str:
     """The command that makes a scene's masks, of large images as small as they are tracked."""
-    from mmocap_warp.scene.drafting import tracking_scale
+    from mmocap_warp.scene.drafting import mask_scale
 
-    scale = 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
+    scale = mask_scale(scene)
     options = () if scale == 1 else ("--scale", f"{scale:g}")
     return next_step("mask", scene.path, "-o", scene.path.parent / "masks", *options)
 

@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from mmocap_warp.masks.mask_program import find_program
 from mmocap_warp.masks.subtraction import mask_around_body
 from mmocap_warp.result.result import Result
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
-from mmocap_warp.scene.drafting import tracking_scale
+from mmocap_warp.scene.drafting import mask_scale
 from mmocap_warp.scene.mask_writing import Refine, write_masks
 from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program, with_people
 from mmocap_warp.scene.recording import Scene
@@ -44,7 +44,6 @@ class WrittenMasks:
     report: MaskReport  # what the masks show, and what is wrong with them
     remedy: str | None  # what to do where something is wrong; None where nothing is
     consistency: Consistency | None  # what was changed so that the views agree; None where nothing was to be
-    recording: Scene = field(repr=False)  # the scene that they were made of
 
 
 @releases_locks
@@ -121,7 +120,7 @@ def mask(
     report = judge.report()
     remedy = _remedy(loaded, folder) if report.faults else None
     made = next(iter(consistency), None)
-    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, made, loaded)
+    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, made)
 
 
 def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:
@@ -129,8 +128,7 @@ def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:
     if scene.foreground.source == "program":
         folder = _beside(scene, "masks")
         if not (folder / "scene.toml").exists():
-            scale = 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
-            for fault in mask(scene.path, folder, scale=scale, reporter=reporter).report.faults:
+            for fault in mask(scene.path, folder, scale=mask_scale(scene), reporter=reporter).report.faults:
                 reporter.warn(f"{folder}: {fault}")
     elif scene.of_several:
         folder = _beside(scene, "apart")

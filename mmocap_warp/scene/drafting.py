@@ -17,6 +17,7 @@ from mmocap_warp.masks.frames import Frames, VideoFile, as_colour, open_frames
 from mmocap_warp.scene import folder_search as search
 from mmocap_warp.scene.camera_tables import RATE_TOLERANCE
 from mmocap_warp.scene.folder_search import CalibrationFile, Kind, Medium, Take
+from mmocap_warp.scene.recording import Scene
 
 # Walking and boxing in seven views are tracked as well at 220 as at 870 px (3.6 and 5.2 mm). At 145 px errors are 11 %
 # larger, at 72 px 80 %.
@@ -85,6 +86,11 @@ def tracking_scale(size: np.ndarray, length: float | None = None) -> float:
     """
     length = _FILLED * float(size[:, 1].max()) if length is None else length
     return 1.0 if size.max() < LARGE_IMAGE else 0.5 ** max(0, int(np.log2(max(length, 1.0) / _ENOUGH)))
+
+
+def mask_scale(scene: Scene) -> float:
+    """The scale at which a scene's masks are made: full size where it names the one at which it is tracked."""
+    return 1.0 if "scale" in scene.track else tracking_scale(scene.calibrated.size)
 
 
 def draft_scene(folder: Path) -> Draft:

@@ -368,7 +368,7 @@ class _RunSmoother:
         """See :class:`~mmocap_warp.contour.clip.backward_pass.UncoveredMask`."""
         poses = self._rooting.leave(rooted, np.zeros(3))
         others = self._others_in(frame)
-        # Of a crowd the limbs of one would cover much if they were elsewhere.
+        # In a crowd a limb that is moved onto somebody else leaves less uncovered.
         if others is not None and np.mean(others > 0) > _CROWDED_VIEWS:
             return np.zeros(len(poses))
         areas = np.array([look.area.sum() for look in self._masks.uncovered(frame, poses)])

@@ -5,11 +5,12 @@ nothing; a camera disagrees where the whole outline in its masks lies beside the
 """
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from mmocap_warp.result.pose_errors import nanmedian
 from mmocap_warp.result.result import STATUS, Result
@@ -18,6 +19,8 @@ _MAX_SHIFT = 0.015  # metres by which a view may lie beside a person. Sound reco
 _WRONG_SHIFT = 0.035  # metres from which nothing is trusted: a camera that is off by 1 degree has .05
 _FEW_VIEWS = 3  # up to which any disagreement is too much: the body gives way to a camera that is far off
 _HOLDING_SHARE = 0.5  # of the cameras that must agree with the body: where fewer do, none of them holds it
+_STRETCH = 1.0  # seconds over which a view that lies beside the body was moved, and is not hidden for a moment
+_MOVED_SHIFT = 0.02  # metres by which it does then. In a second of sound recordings it is up to .007
 _NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one that is wrong
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
 _MOST_IN_DOUBT = 0.5  # of the body's parts: a frame with more of them in doubt is not trusted, whatever its status
@@ -35,9 +38,11 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     it ``undecided`` how the body stands, or where masks and calibration fit no body, which is the ``problem``.
     ``holds`` says whether most are trusted, ``unlike`` whether the fit made the body very unlike its kind. ``parts``
     has the numbers of the frames in which a part's joints may be over 100 mm off, by part; ``cameras`` by how much each
-    camera that disagrees with the others does [mm]; ``repeated`` how many frames repeat the one before; ``frozen`` the
-    numbers of the frames in which a camera repeats its image while the others go on, by camera. ``lines`` say all that
-    in words. ``next`` is the command that may mend the result, where one is needed and the ``scene`` is known.
+    camera that disagrees with the others does [mm]; ``moved`` the numbers of the frames in which one does that agrees
+    in most, and so was left out if enough others agree, by camera; ``repeated`` how many frames repeat the one before;
+    ``frozen`` the numbers of the frames in which a camera repeats its image while the others go on, by camera.
+    ``lines`` say all that in words. ``next`` is the command that may mend the result, where one is needed and the
+    ``scene`` is known.
     """
     best, numbers = result.best_run, result.frame_numbers
     skeleton, size = result.subject.body.skeleton, result.subject.body.relative_size
@@ -50,6 +55,8 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     good = np.isin(status, ("tracked", "rescued")) | ((status == "partial") & ~doubt.any(axis=1))
     good &= doubt.mean(axis=1) <= _MOST_IN_DOUBT
     good &= np.isfinite(result.iou[best]).sum(axis=1) >= _MIN_VIEWS
+    moved, left_out = views_beside(result), result.config.get("moved_views", {})
+    good &= ~moved.any(axis=1)
     # Cameras, in the middle of these frames.
     cameras: dict[str, float] = {}
     held = len(result.cameras) > _FEW_VIEWS
@@ -69,6 +76,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         "trusted": 0 if off or problem or undecided else int(good.sum()),
         "parts": {name: numbers[doubt[:, i]].tolist() for i, name in enumerate(skeleton.parts) if doubt[:, i].any()},
         "cameras": cameras,
+        "moved": views_by_name(result, moved) | left_out,
         "repeated": repeated,
         "frozen": {name: frames.tolist() for name, frames in frozen.items() if len(frames)},
         "problem": problem,
@@ -76,20 +84,48 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         "unlike": float(fitted.get("fit.departure", 0.0)) > MAX_DEPARTURE,
     }
     holds = 2 * values["trusted"] >= values["frames"]
-    said = {"holds": holds, "lines": _lines(values, result.stride)}
-    return values | said | {"next": _next_step(bool(cameras), holds, scene)}
+    said = {"holds": holds, "lines": _lines(values, left_out, result.stride)}
+    beside = numbers[moved.any(axis=1)].tolist()
+    return values | said | {"next": _next_step(bool(cameras), beside, holds, scene)}
 
 
-def _next_step(cameras_disagree: bool, holds: bool, scene: Path | None) -> str | None:
-    """The command that may mend a result of a scene."""
-    if scene is None or (holds and not cameras_disagree):
+def views_beside(result: Result) -> np.ndarray:
+    """(frame, camera) bool: where a view lies beside the best run's body for a second or longer: it was moved.
+
+    Not where as many views do, for then the pose is wrong, nor a view that hardly ever fits.
+    """
+    best, size = result.best_run, result.subject.body.relative_size
+    if result.view_shift is None:
+        return np.zeros(result.iou[best].shape, bool)
+    # Medians over a second around each frame: a view that is hidden, or shows somebody else, is not for so long.
+    shift, half = result.view_shift[best], round(_STRETCH * result.rate / 2)
+    around = sliding_window_view(np.pad(shift, ((half, half), (0, 0)), constant_values=np.nan), 2 * half + 1, axis=0)
+    lasting = nanmedian(np.moveaxis(around, -1, 0))
+    agrees, known = lasting <= _MAX_SHIFT * size, np.isfinite(lasting)
+    held = agrees.sum(axis=1) > _HOLDING_SHARE * known.sum(axis=1)
+    moved: np.ndarray = (lasting > _MOVED_SHIFT * size) & held[:, None]
+    usual = np.sort(shift, axis=0)[np.isfinite(shift).sum(axis=0) // 4, np.arange(shift.shape[1])]
+    return moved & (usual <= 0.5 * _MOVED_SHIFT * size)
+
+
+def views_by_name(result: Result, where: np.ndarray) -> dict[str, list[int]]:
+    """Numbers of the frames in which a camera is marked, (frame, camera) bool, by name."""
+    marked = {name: result.frame_numbers[where[:, k]].tolist() for k, name in enumerate(result.cameras.names)}
+    return {name: numbers for name, numbers in marked.items() if numbers}
+
+
+def _next_step(cameras_disagree: bool, beside: list[int], holds: bool, scene: Path | None) -> str | None:
+    """The command that may mend a result of a scene, in some frames of which a view lies ``beside`` the body."""
+    if scene is None or (holds and not cameras_disagree and not beside):
         return None
     refined = ["refine", str(scene), "-o", str(scene.parent / "calibration-refined.toml")]
-    return shlex.join(["mmocap", "calib", *(refined if cameras_disagree else ["check", str(scene)])])
+    if beside and not cameras_disagree:
+        refined += ["--frames", f"{beside[0]}:{beside[-1] + 1}"]
+    return shlex.join(["mmocap", "calib", *(refined if cameras_disagree or beside else ["check", str(scene)])])
 
 
-def _lines(values: dict[str, Any], stride: int) -> list[str]:
-    """The verdict in words; ``stride`` is between the numbers of frames."""
+def _lines(values: dict[str, Any], left_out: Collection[str], stride: int) -> list[str]:
+    """The verdict in words; ``stride`` is between the numbers of frames, and moved views may be ``left_out``."""
     lines = [f"{values['trusted']} of {values['frames']} frames trusted"]
     if values["problem"]:
         return [*lines, f"masks and calibration fit no body: {values['problem']}"]
@@ -101,6 +137,9 @@ def _lines(values: dict[str, Any], stride: int) -> list[str]:
     if values["cameras"]:
         off = [f"{name} by {shift:.0f} mm" for name, shift in values["cameras"].items()]
         lines.append(f"cameras that disagree with the others: {', '.join(off)} at the body")
+    for name, frames in values["moved"].items():
+        where = _ranges(frames, stride) + (", and is left out there" if name in left_out else "")
+        lines.append(f"{name} lies beside the body in {where}: was it moved, or did it drop frames?")
     if values["repeated"]:
         lines.append(f"{values['repeated']} more frames repeat the one before, and count as not seen")
     for name, frames in values["frozen"].items():

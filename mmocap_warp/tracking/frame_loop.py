@@ -25,6 +25,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.masks.repeats import frozen_views, repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
+from mmocap_warp.result.verdict import views_beside, views_by_name
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.frame_choice import read_ahead
 from mmocap_warp.tracking.body_masks import body_silhouettes, tracked_observations
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
 
 FrameReport = Callable[[int, FrameAnswer], None]
 """Called after every frame with its position and answer."""
+
+_LEAST_VIEWS = 3  # that are left where the view of a camera that was moved is left out
 
 
 def track_frames(
@@ -227,8 +230,8 @@ def _finished(
     """The track, smoothed where that is wanted, and what the masks, read anew each time, say about it.
 
     A frame that repeats the one before shows nothing, and neither does a view whose camera is frozen. The tracker has
-    followed that view, so it must ``start_again`` with what is shown then. What smoothed the track ``beside`` knew of
-    neither: it holds where there are none.
+    followed that view, so it must ``start_again`` with what is shown then, or if a camera was moved, without its view.
+    What smoothed the track ``beside`` knew of neither: it holds where there are none.
     """
     repeated = repeated_views(read_ahead(masks()))
     at_once, frozen = repeated.all(axis=1), frozen_views(repeated)
@@ -236,25 +239,31 @@ def _finished(
     if beside and not whole:
         beside.close()  # else two threads smooth at once
 
-    def shown(pose: PoseBefore) -> Iterator[Observation]:
+    def shown(pose: PoseBefore, left_out: np.ndarray) -> Iterator[Observation]:
         seen = with_hidden(masks(), result.subject, result.cameras, result.rate, pose)
-        return (each.without(views) for each, views in zip(seen, frozen, strict=True)) if frozen.any() else seen
+        return (each.without(views) for each, views in zip(seen, left_out, strict=True)) if left_out.any() else seen
+
+    def again(why: str, left_out: np.ndarray) -> Result:
+        tracked = start_again(partial(shown, left_out=left_out))
+        begun = collect(result.subject, result.cameras, result.fps, config, tracked)
+        told, seconds = result.config | {why: views_by_name(result, left_out)}, result.seconds + begun.seconds
+        return replace(begun, frame_numbers=result.frame_numbers, config=told, seconds=seconds)
+
+    def judged(raw: Result, left_out: np.ndarray, whole: SmoothingBeside | SmoothingElsewhere | None = None) -> Result:
+        status = np.where(at_once, STATUS.index("repeated"), raw.status).astype(raw.status.dtype)
+        result, seen = replace(raw, status=status), partial(shown, lambda at: raw.pose[:, at - 1], left_out)
+        if config.acceleration:
+            done = whole.of(result) if whole else None
+            result = done or smoothed(result, config, read_ahead(seen()), progress)
+            gc.collect()  # what was smoothed holds itself, and with it the fields of a window
+        return with_evidence(result, config, read_ahead(seen()))
 
     if frozen.any():
-        again = collect(result.subject, result.cameras, result.fps, config, start_again(shown))
-        names, numbers = result.cameras.names, result.frame_numbers
-        left_out = {name: numbers[frozen[:, k]].tolist() for k, name in enumerate(names) if frozen[:, k].any()}
-        told, seconds = result.config | {"frozen_views": left_out}, result.seconds + again.seconds
-        result = replace(again, frame_numbers=numbers, config=told, seconds=seconds)
-    status = np.where(at_once, STATUS.index("repeated"), result.status).astype(result.status.dtype)
-    result = replace(result, status=status)
-    raw = result.pose
-    seen = partial(shown, lambda place: raw[:, place - 1])
-    if config.acceleration:
-        done = whole.of(result) if whole else None
-        result = done or smoothed(result, config, read_ahead(seen()), progress)
-        gc.collect()  # what was smoothed holds itself, and with it the fields of a window
-    return with_evidence(result, config, read_ahead(seen()))
+        return judged(again("frozen_views", frozen), frozen)
+    result = judged(result, frozen, whole)
+    moved = views_beside(result)
+    moved &= (np.isfinite(result.iou[result.best_run]) & ~moved).sum(axis=1, keepdims=True) >= _LEAST_VIEWS
+    return judged(again("moved_views", moved), moved) if moved.any() else result
 
 
 def check_start(scene: Scene, subject: Subject) -> None:

@@ -112,6 +112,45 @@ def test_a_body_that_most_cameras_disagree_with_is_not_trusted(third: float, tru
     assert unseen["trusted"] == 0  # a camera that sees nobody holds nothing
 
 
+MOVED = np.tile([0.006, 0.005, 0.005, 0.006], (1, FRAMES, 1))
+"""A view lies beside the body from the eighth frame on; at 4 frames a second that is more than a second."""
+MOVED[0, 7:, 1] = 0.04
+
+
+def test_a_camera_that_was_moved_is_named_from_that_frame_on():
+    told = judged(view_shift=MOVED, fps=4.0)
+    assert (told["trusted"], told["cameras"], told["moved"]) == (7, {}, {"cam02": [17, 18, 19, 20, 21]})
+    assert told["lines"] == [
+        "7 of 12 frames trusted",
+        "cam02 lies beside the body in frames 17 to 21 (5 in all): was it moved, or did it drop frames?",
+    ]
+    assert told["next"] == "mmocap calib refine s.toml -o calibration-refined.toml --frames 17:22"
+    assert judged(view_shift=None)["moved"] == {}
+
+
+def test_a_moved_camera_that_was_left_out_spoils_nothing():
+    shift = np.where(MOVED > 0.03, np.nan, MOVED)
+    told = judged(view_shift=shift, fps=4.0, config={"moved_views": {"cam02": [17, 18, 19, 20, 21]}})
+    assert (told["trusted"], told["next"]) == (FRAMES, None)
+    assert "cam02 lies beside the body in frames 17 to 21 (5 in all), and is left out there" in told["lines"][1]
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        lambda shift: shift[0, :, 1:3].__setitem__(slice(7, None), 0.04),  # as many as agree: the pose is wrong
+        lambda shift: shift[0, :, 1].__setitem__(slice(None), 0.011 + 0.01 * (np.arange(FRAMES) > 6)),  # never fitted
+        lambda shift: shift[0, 7:, 1].__setitem__(slice(1, 3), 0.005),  # for a moment
+        lambda shift: shift[0, :, 1].__setitem__(slice(None), np.nan),  # shows nobody
+    ],
+)
+def test_what_is_no_moved_camera(beside):
+    shift = MOVED.copy()
+    shift[0, 9:, 1] = 0.005
+    beside(shift)
+    assert judged(view_shift=shift, fps=4.0)["moved"] == {}
+
+
 def test_parts_in_doubt_are_named_with_their_frames():
     told = judged(joint_sigma=far(2, 3, 4, 8), status=statuses("partial", [3, 9]))
     assert told["parts"] == {SKELETON.parts[SKELETON.part[SKELETON.index("LElbow")]]: [12, 13, 14, 18]}

@@ -125,3 +125,20 @@ def test_a_frozen_view_is_left_out_and_named():
         assert result.frame_numbers.tolist() == list(range(FRAMES))
         off = joint_positions(SUBJECT, result.pose[0]) - joint_positions(SUBJECT, truth)
         assert np.linalg.norm(off, axis=-1).mean() < 0.3 * PX
+
+
+def test_a_view_that_was_moved_is_left_out_from_there_on_and_named():
+    """At a rate at which these frames are seconds; the whole body is smoothed once with the view and once without."""
+    truth, seen = swinging()
+    moved = [replace(each, words=each.words.copy()) for each in seen]
+    for each in moved[12:]:
+        each.words[3] = np.roll(each.words[3], 12, axis=0)
+    raw = replace(tracked(poses=truth), fps=6.0)
+    tracker = make_tracker(SUBJECT, RIG, CONFIG, 6.0)
+    result = _finished(raw, CONFIG, lambda: moved, partial(followed, tracker), None)
+    assert result.config["moved_views"] == {"cam04": list(range(12, FRAMES))}
+    assert np.isnan(result.iou[0, 12:, 3]).all()
+    assert np.isfinite(result.iou[0, :12, 3]).all()
+    assert verdict(result)["holds"]
+    off = joint_positions(SUBJECT, result.pose[0]) - joint_positions(SUBJECT, truth)
+    assert np.linalg.norm(off, axis=-1).mean() < 0.5 * PX

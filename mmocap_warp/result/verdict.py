@@ -100,7 +100,8 @@ def views_beside(result: Result) -> np.ndarray:
     # Medians over a second around each frame: a view that is hidden, or shows somebody else, is not for so long.
     shift, half = result.view_shift[best], round(_STRETCH * result.rate / 2)
     around = sliding_window_view(np.pad(shift, ((half, half), (0, 0)), constant_values=np.nan), 2 * half + 1, axis=0)
-    lasting = nanmedian(np.moveaxis(around, -1, 0))
+    many = np.isfinite(around).sum(axis=-1) >= half
+    lasting = np.where(many, nanmedian(np.moveaxis(around, -1, 0)), np.nan)
     agrees, known = lasting <= _MAX_SHIFT * size, np.isfinite(lasting)
     held = agrees.sum(axis=1) > _HOLDING_SHARE * known.sum(axis=1)
     moved: np.ndarray = (lasting > _MOVED_SHIFT * size) & held[:, None]

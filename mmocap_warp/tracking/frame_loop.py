@@ -155,13 +155,14 @@ def track(
         subject, rig, config = in_own_unit(subject, rig, config)
         tracker = make_tracker(subject, rig, config, scene.rate)
 
-        # Go on after the frames that were saved, which may be those of a second start, too.
+        # Go on after the frames that were saved, which may be those of later starts, too.
         answers: list[FrameAnswer] = []
         saved = Checkpoint(checkpoint, identity, tracker.state, len(rig)) if checkpoint else None
         if saved and resume:
             answers, tracker.state = saved.resumed()
-        again, state = answers[scene.frame_count :], tracker.state
-        del answers[scene.frame_count :]
+        count, state = scene.frame_count, tracker.state
+        later = [answers[count : 2 * count], answers[2 * count :]]
+        del answers[count:]
 
         # Track the others. What is kept of masks with several people in them follows the body.
         silhouettes_of, done = body_silhouettes(subject, rig), len(answers)
@@ -189,7 +190,7 @@ def track(
             return kept if complete else tracked_observations(scene, result)
 
         def start_again(shown: Callable[[PoseBefore], Iterator[Observation]]) -> list[FrameAnswer]:
-            tracker = make_tracker(subject, rig, config, scene.rate)
+            tracker, again = make_tracker(subject, rig, config, scene.rate), later.pop(0)
             if again:
                 tracker.state = state
             seen = shown(lambda place: again[place - 1].pose)
@@ -243,10 +244,10 @@ def _finished(
         seen = with_hidden(masks(), result.subject, result.cameras, result.rate, pose)
         return (each.without(views) for each, views in zip(seen, left_out, strict=True)) if left_out.any() else seen
 
-    def again(why: str, left_out: np.ndarray) -> Result:
+    def again(why: str, views: np.ndarray, left_out: np.ndarray) -> Result:
         tracked = start_again(partial(shown, left_out=left_out))
         begun = collect(result.subject, result.cameras, result.fps, config, tracked)
-        told, seconds = result.config | {why: views_by_name(result, left_out)}, result.seconds + begun.seconds
+        told, seconds = result.config | {why: views_by_name(result, views)}, result.seconds + begun.seconds
         return replace(begun, frame_numbers=result.frame_numbers, config=told, seconds=seconds)
 
     def judged(raw: Result, left_out: np.ndarray, whole: SmoothingBeside | SmoothingElsewhere | None = None) -> Result:
@@ -258,12 +259,10 @@ def _finished(
             gc.collect()  # what was smoothed holds itself, and with it the fields of a window
         return with_evidence(result, config, read_ahead(seen()))
 
-    if frozen.any():
-        return judged(again("frozen_views", frozen), frozen)
-    result = judged(result, frozen, whole)
+    result = judged(again("frozen_views", frozen, frozen) if frozen.any() else result, frozen, whole)
     moved = views_beside(result)
     moved &= (np.isfinite(result.iou[result.best_run]) & ~moved).sum(axis=1, keepdims=True) >= _LEAST_VIEWS
-    return judged(again("moved_views", moved), moved) if moved.any() else result
+    return judged(again("moved_views", moved, frozen | moved), frozen | moved) if moved.any() else result
 
 
 def check_start(scene: Scene, subject: Subject) -> None:

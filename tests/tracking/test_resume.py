@@ -200,24 +200,27 @@ def test_progress_reports_what_was_done_before(loaded, subject, interrupted):
     assert told == list(range(FRAMES))
 
 
-@pytest.mark.parametrize("after", [1, FRAMES + 4])
-def test_a_second_start_is_reported_and_resumed(after, loaded, subject, tmp_path, monkeypatch):
-    """Of a camera that froze, whose view is left out then. It is stopped in the first or in the second start."""
-    frozen, told, stepped, step = np.zeros((FRAMES, 3), bool), [], [], Tracker.step
-    frozen[2:6, 1] = True
+@pytest.mark.parametrize("after", [1, FRAMES + 4, 2 * FRAMES + 3])
+def test_later_starts_are_reported_and_resumed(after, loaded, subject, tmp_path, monkeypatch):
+    """Of a camera that froze, and one that was moved, whose views are left out then. Any start may be stopped."""
+    frozen, moved, told, stepped, step = *np.zeros((2, FRAMES, 3), bool), [], [], Tracker.step
+    frozen[2:6, 1] = moved[5:, 2] = True
     monkeypatch.setattr(frame_loop, "repeated_views", lambda seen: frozen)
+    monkeypatch.setattr(frame_loop, "views_beside", lambda result: moved)
+    monkeypatch.setattr(frame_loop, "_LEAST_VIEWS", 1)
     whole = track(loaded, subject, CONFIG, progress=lambda number, _: told.append(number))
-    assert told == 2 * list(range(FRAMES))
+    assert told == 3 * list(range(FRAMES))
     with monkeypatch.context() as patched:
         patched.setattr(Tracker, "step", stopping_step(after))
         with pytest.raises(KeyboardInterrupt):
             track(loaded, subject, CONFIG, checkpoint=tmp_path / "c")
     monkeypatch.setattr(Tracker, "step", lambda self, seen: stepped.append(1) or step(self, seen))
     result = track(loaded, subject, CONFIG, checkpoint=tmp_path / "c", resume=True)
-    assert len(stepped) == 2 * FRAMES - after
+    assert len(stepped) == 3 * FRAMES - after
     for name in ("pose", "cost", "iou", "status", "joint_sigma"):
         np.testing.assert_array_equal(getattr(result, name), getattr(whole, name), err_msg=name)
-    assert np.isnan(result.iou[0, 2:6, 1]).all()
+    assert np.isnan(result.iou[0][frozen | moved]).all()
+    assert result.config["moved_views"] == {loaded.rig(1.0).names[2]: list(range(5, FRAMES))}
 
 
 def test_without_a_checkpoint_resuming_starts_from_the_first_frame(loaded, subject, tmp_path):

@@ -20,7 +20,7 @@ _WRONG_SHIFT = 0.035  # metres from which nothing is trusted: a camera that is o
 _FEW_VIEWS = 3  # up to which any disagreement is too much: the body gives way to a camera that is far off
 _HOLDING_SHARE = 0.5  # of the cameras that must agree with the body: where fewer do, none of them holds it
 _STRETCH = 1.0  # seconds over which a view that lies beside the body was moved, and is not hidden for a moment
-_MOVED_SHIFT = 0.02  # metres by which it does then. In a second of sound recordings it is up to .007
+_MOVED_SHIFT, _BESIDE = 0.02, 0.01  # metres by which it does then, and at least. Sound recordings have up to .010
 _NAMED_SHARE = 0.6  # of the largest shift: a camera with so much may be the one that is wrong
 _MAX_SIGMA = 0.1  # metres: a joint with a larger standard deviation is in doubt
 _MOST_IN_DOUBT = 0.5  # of the body's parts: a frame with more of them in doubt is not trusted, whatever its status
@@ -104,9 +104,14 @@ def views_beside(result: Result) -> np.ndarray:
     lasting = np.where(many, nanmedian(np.moveaxis(around, -1, 0)), np.nan)
     agrees, known = lasting <= _MAX_SHIFT * size, np.isfinite(lasting)
     held = agrees.sum(axis=1) > _HOLDING_SHARE * known.sum(axis=1)
-    moved: np.ndarray = (lasting > _MOVED_SHIFT * size) & held[:, None]
     usual = np.sort(shift, axis=0)[np.isfinite(shift).sum(axis=0) // 4, np.arange(shift.shape[1])]
-    return moved & (usual <= 0.5 * _MOVED_SHIFT * size)
+    moved = (lasting > _MOVED_SHIFT * size) & held[:, None] & (usual <= _BESIDE * size)
+    # What is beside it by less, before and after, is so for the same reason.
+    beside = (lasting > _BESIDE * size) & held[:, None]
+    for k in np.flatnonzero(moved.any(axis=0)):
+        for stretch in np.split(np.arange(len(moved)), np.flatnonzero(np.diff(beside[:, k])) + 1):
+            moved[stretch, k] = beside[stretch[0], k] & moved[stretch, k].any()
+    return moved
 
 
 def views_by_name(result: Result, where: np.ndarray) -> dict[str, list[int]]:

@@ -98,10 +98,11 @@ def views_beside(result: Result) -> np.ndarray:
     if result.view_shift is None:
         return np.zeros(result.iou[best].shape, bool)
     # Medians over a second around each frame: a view that is hidden, or shows somebody else, is not for so long.
-    shift, half = result.view_shift[best], round(_STRETCH * result.rate / 2)
+    shift, half = result.view_shift[best], max(2, round(_STRETCH * result.rate / 2))
     around = sliding_window_view(np.pad(shift, ((half, half), (0, 0)), constant_values=np.nan), 2 * half + 1, axis=0)
     many = np.isfinite(around).sum(axis=-1) >= half
-    lasting = np.where(many, nanmedian(np.moveaxis(around, -1, 0)), np.nan)
+    medians = [nanmedian(around[:, k].T) for k in range(shift.shape[1])]  # one by one: a long clip's windows are large
+    lasting = np.where(many, np.stack(medians, axis=1), np.nan)
     agrees, known = lasting <= _MAX_SHIFT * size, np.isfinite(lasting)
     held = agrees.sum(axis=1) > _HOLDING_SHARE * known.sum(axis=1)
     usual = np.sort(shift, axis=0)[np.isfinite(shift).sum(axis=0) // 4, np.arange(shift.shape[1])]

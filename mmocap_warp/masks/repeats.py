@@ -12,6 +12,7 @@ from mmocap_warp.masks.observation import Observation
 
 _LEVEL = 90  # percentile of the changes from frame to frame that stands for the motion of a clip
 _MIN_LEVEL = 0.3  # pixels by which outlines must move in such a frame for anything to be decided
+_MOST_ABOVE = 4.0  # multiple of other views' level that a view's is taken to be: more is not motion, its masks flicker
 _SAME = 0.1  # share of the level below which a mask counts as repeated: compressed video is never quite the same
 _MOVING = 0.25  # share of the level above which masks move
 _LEAP = 2.0  # multiple of the level that the first new image after a long repetition changes by at least
@@ -30,7 +31,8 @@ def repeated_views(observations: Iterable[Observation]) -> np.ndarray:
         return repeated
     level = np.percentile(np.nan_to_num(change), _LEVEL, axis=0)
     known = level > _MIN_LEVEL
-    share = change[:, known] / level[known]
+    usual = np.sort(level[known])[known.sum() // 2 :][:1]  # none where nothing moves
+    share = change[:, known] / np.minimum(level[known], _MOST_ABOVE * usual)
     # All views at once: those that see anybody.
     at_once = (np.nan_to_num(share) < _SAME).all(axis=1) & np.isfinite(share).any(axis=1)
     repeated[_credible(_mean(share), at_once)] = True

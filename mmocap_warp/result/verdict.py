@@ -125,9 +125,8 @@ def _next_step(cameras_disagree: bool, beside: list[int], holds: bool, scene: Pa
     """The command that may mend a result of a scene, in some frames of which a view lies ``beside`` the body."""
     if scene is None or (holds and not cameras_disagree and not beside):
         return None
-    refined = ["refine", str(scene), "-o", str(scene.parent / "calibration-refined.toml")]
-    if beside and not cameras_disagree:
-        refined += ["--frames", f"{beside[0]}:{beside[-1] + 1}"]
+    part = ["--frames", f"{beside[0]}:{beside[-1] + 1}"] if beside and not cameras_disagree else []
+    refined = ["refine", str(scene), "-o", str(scene.parent / "calibration-refined.toml"), *part]
     return shlex.join(["mmocap", "calib", *(refined if cameras_disagree or beside else ["check", str(scene)])])
 
 

@@ -110,9 +110,9 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
 def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> list[Observation]:
     """The masks of some frames as the track saw them: without the views that were frozen, or of cameras moved."""
     gone = [result.config.get(why, {}) for why in ("frozen_views", "moved_views")]
-    numbers, names = result.frame_numbers[list(positions)].tolist(), result.cameras.names
+    numbers, names = result.frame_numbers[list(positions)], result.cameras.names
     seen = tracked_observations(scene, result, positions)
-    left_out = [np.array([any(number in each.get(name, ()) for each in gone) for name in names]) for number in numbers]
+    left_out = np.any([[np.isin(numbers, each.get(name, [])) for name in names] for each in gone], axis=0).T
     shown = [each.without(views) for each, views in zip(seen, left_out, strict=True)]
     if clothes := loose_clothes(result.subject, result.cameras):
         shown = [clothes.hidden_in(each, result.pose[:, at]) for each, at in zip(shown, positions, strict=True)]

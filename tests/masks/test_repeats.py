@@ -61,6 +61,14 @@ def test_one_camera_that_freezes(end):
     assert not repeated[:, [0, 2]].any()
 
 
+def test_a_view_whose_masks_flicker_for_a_while_is_not_frozen_after_that():
+    observations, rng = seen(20 + np.tile(np.arange(FRAMES)[:, None], VIEWS)), np.random.default_rng(1)
+    for observation in observations[4:20]:
+        observation.words[1] |= rng.integers(0, 2**32, observation.words[1].shape, np.uint32)
+    flickering = [replace(each, foreground=np.bitwise_count(each.words).sum(axis=(1, 2))) for each in observations]
+    assert not repeated_views(flickering).any()
+
+
 def test_a_camera_that_is_known_to_take_half_as_many_images_repeats_none():
     place, frame = course(), np.arange(FRAMES)
     place[:, 1] = place[frame // 2 * 2, 1]

@@ -262,7 +262,7 @@ class _ProjectedBody:
             spread = list(sum(each[..., :, None] * each[..., None, :] for each in moved))
         looks = [self.look] * len(self.rig)
         if self.look is not None and self.iou is not None:
-            looks = [replace(self.look, name=_number(self.look.name, iou, "no mask")) for iou in self.iou[frame]]
+            looks = [replace(self.look, name=_number(self.look.name, iou, "not used")) for iou in self.iou[frame]]
         depths = (self.rig.R @ places[0] + self.rig.t)[:, 2].tolist()
         seen = zip(masks, vertices, joints, spread, looks, depths, strict=True)
         return [ViewedBody(self.subject.body, *view) for view in seen]
@@ -369,7 +369,7 @@ def _video_frame(
     result, alone = results[0], not looks
     run = result.best_run
     for k, view in enumerate(views):
-        overlap = f"   {_number('IoU', result.iou[run, frame, k], 'no mask')}" if alone else ""
+        overlap = f"   {_number('IoU', result.iou[run, frame, k], 'not used')}" if alone else ""
         write_text(view, f"{result.cameras.names[k]}{overlap}", (8, 8))
     canvas, _ = _tile([views[i : i + columns] for i in range(0, len(views), columns)], _TITLE_WIDTH)
     title = f"frame {result.frame_numbers[frame]}"
@@ -403,7 +403,7 @@ def _contact_sheet(result: Result, frames: list[int], cells: list[list[np.ndarra
     """Frames from left to right, cameras from top to bottom."""
     for frame, views in zip(frames, cells, strict=True) if numbered else ():
         for k, view in enumerate(views):
-            write_text(view, _number("", result.iou[result.best_run, frame, k], "no mask"), (6, 6), size=0.4)
+            write_text(view, _number("", result.iou[result.best_run, frame, k], "not used"), (6, 6), size=0.4)
     for name, view in zip(result.cameras.names, cells[0], strict=True):
         write_text(view, name, (6, view.shape[0] - 18), size=0.4)
     canvas, lefts = _tile([[views[k] for views in cells] for k in range(len(result.cameras))])

@@ -151,7 +151,7 @@ class Tile {
     }
     const old = Object.entries(this.shown).filter(([kind, number]) => number * content.every[kind] !== i);
     this.age.textContent = old.map(([kind, number]) => `${kind.slice(0, -1)} of frame ${frames[number * content.every[kind]]}`).join(", ");
-    this.overlap.textContent = Number.isFinite(overlap) ? `IoU ${overlap.toFixed(3)}` : "no mask";
+    this.overlap.textContent = Number.isFinite(overlap) ? `IoU ${overlap.toFixed(3)}` : "not used";
   }
 }
 

@@ -107,8 +107,8 @@ def views_beside(result: Result) -> np.ndarray:
     held = agrees.sum(axis=1) > _HOLDING_SHARE * known.sum(axis=1)
     usual = np.sort(shift, axis=0)[np.isfinite(shift).sum(axis=0) // 4, np.arange(shift.shape[1])]
     moved = (lasting > _MOVED_SHIFT * size) & held[:, None] & (usual <= _BESIDE * size)
-    # What is beside it by less, before and after, is so for the same reason.
-    beside = (lasting > _BESIDE * size) & held[:, None]
+    # What is beside it by less, before and after, is so for the same reason, though the body may give way to it there.
+    beside = lasting > _BESIDE * size
     for k in np.flatnonzero(moved.any(axis=0)):
         for stretch in np.split(np.arange(len(moved)), np.flatnonzero(np.diff(beside[:, k])) + 1):
             moved[stretch, k] = beside[stretch[0], k] & moved[stretch, k].any()

@@ -38,11 +38,10 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     it ``undecided`` how the body stands, or where masks and calibration fit no body, which is the ``problem``.
     ``holds`` says whether most are trusted, ``unlike`` whether the fit made the body very unlike its kind. ``parts``
     has the numbers of the frames in which a part's joints may be over 100 mm off, by part; ``cameras`` by how much each
-    camera that disagrees with the others does [mm]; ``moved`` the numbers of the frames in which one does that agrees
-    in most, and so was left out if enough others agree, by camera; ``repeated`` how many frames repeat the one before;
-    ``frozen`` the numbers of the frames in which a camera repeats its image while the others go on, by camera.
-    ``lines`` say all that in words. ``next`` is the command that may mend the result, where one is needed and the
-    ``scene`` is known.
+    camera that disagrees with the others does [mm]; ``repeated`` how many frames repeat the one before. By camera have
+    ``frozen`` the numbers of frames in which it repeats its image while the others go on, and ``moved`` those in which
+    it disagrees though it agrees in most; with enough others it was left out there. ``lines`` say all that in words.
+    ``next`` is the command that may mend the result, where one is needed and the ``scene`` is known.
     """
     best, numbers = result.best_run, result.frame_numbers
     skeleton, size = result.subject.body.skeleton, result.subject.body.relative_size
@@ -55,7 +54,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     good = np.isin(status, ("tracked", "rescued")) | ((status == "partial") & ~doubt.any(axis=1))
     good &= doubt.mean(axis=1) <= _MOST_IN_DOUBT
     good &= np.isfinite(result.iou[best]).sum(axis=1) >= _MIN_VIEWS
-    moved, left_out = views_beside(result), result.config.get("moved_views", {})
+    moved = views_beside(result)
     good &= ~moved.any(axis=1)
     # Cameras, in the middle of these frames.
     cameras: dict[str, float] = {}
@@ -67,7 +66,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
             cameras = {result.cameras.names[k]: 1000 * float(middle[k]) for k in worst}
             held &= bool(np.mean(middle[middle > 0] <= _MAX_SHIFT * size) >= _HOLDING_SHARE)
     off = max(cameras.values(), default=0.0) > 1000 * (_WRONG_SHIFT if held else _MAX_SHIFT) * size
-    frozen = {name: np.intersect1d(each, numbers) for name, each in result.config.get("frozen_views", {}).items()}
+    frozen, left_out = (views_by_name(result, views_left_out(result, why)) for why in ("frozen_views", "moved_views"))
     fitted = result.subject.provenance
     undecided = fitted.get("fit.alternative") if fitted.get("fit.decided") == "no" else None
     problem, repeated = result.config.get("trusted_cameras"), int((status == "repeated").sum())
@@ -78,15 +77,14 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
         "cameras": cameras,
         "moved": views_by_name(result, moved) | left_out,
         "repeated": repeated,
-        "frozen": {name: frames.tolist() for name, frames in frozen.items() if len(frames)},
+        "frozen": frozen,
         "problem": problem,
         "undecided": undecided,
         "unlike": float(fitted.get("fit.departure", 0.0)) > MAX_DEPARTURE,
     }
     holds = 2 * values["trusted"] >= values["frames"]
     said = {"holds": holds, "lines": _lines(values, left_out, result.stride)}
-    beside = numbers[moved.any(axis=1)].tolist()
-    return values | said | {"next": _next_step(bool(cameras), beside, holds, scene)}
+    return values | said | {"next": _next_step(bool(cameras), numbers[moved.any(axis=1)].tolist(), holds, scene)}
 
 
 def views_beside(result: Result) -> np.ndarray:
@@ -100,11 +98,9 @@ def views_beside(result: Result) -> np.ndarray:
     # Medians over a second around each frame: a view that is hidden, or shows somebody else, is not for so long.
     shift, half = result.view_shift[best], max(2, round(_STRETCH * result.rate / 2))
     around = sliding_window_view(np.pad(shift, ((half, half), (0, 0)), constant_values=np.nan), 2 * half + 1, axis=0)
-    many = np.isfinite(around).sum(axis=-1) >= half
     medians = [nanmedian(around[:, k].T) for k in range(shift.shape[1])]  # one by one: a long clip's windows are large
-    lasting = np.where(many, np.stack(medians, axis=1), np.nan)
-    agrees, known = lasting <= _MAX_SHIFT * size, np.isfinite(lasting)
-    held = agrees.sum(axis=1) > _HOLDING_SHARE * known.sum(axis=1)
+    lasting = np.where(np.isfinite(around).sum(axis=-1) >= half, np.stack(medians, axis=1), np.nan)
+    held = (lasting <= _MAX_SHIFT * size).sum(axis=1) > _HOLDING_SHARE * np.isfinite(lasting).sum(axis=1)
     usual = np.sort(shift, axis=0)[np.isfinite(shift).sum(axis=0) // 4, np.arange(shift.shape[1])]
     moved = (lasting > _MOVED_SHIFT * size) & held[:, None] & (usual <= _BESIDE * size)
     # What is beside it by less, before and after, is so for the same reason, though the body may give way to it there.
@@ -119,6 +115,12 @@ def views_by_name(result: Result, where: np.ndarray) -> dict[str, list[int]]:
     """Numbers of the frames in which a camera is marked, (frame, camera) bool, by name."""
     marked = {name: result.frame_numbers[where[:, k]].tolist() for k, name in enumerate(result.cameras.names)}
     return {name: numbers for name, numbers in marked.items() if numbers}
+
+
+def views_left_out(result: Result, why: str) -> np.ndarray:
+    """(frame, camera) bool: where the track did without a view, for a reason that its configuration has."""
+    views = result.config.get(why, {})
+    return np.stack([np.isin(result.frame_numbers, views.get(name, [])) for name in result.cameras.names], axis=1)
 
 
 def _next_step(cameras_disagree: bool, beside: list[int], holds: bool, scene: Path | None) -> str | None:

@@ -244,8 +244,8 @@ def _finished(
         seen = with_hidden(masks(), result.subject, result.cameras, result.rate, pose)
         return (each.without(views) for each, views in zip(seen, left_out, strict=True)) if left_out.any() else seen
 
-    def again(why: str, views: np.ndarray, left_out: np.ndarray) -> Result:
-        tracked = start_again(partial(shown, left_out=left_out))
+    def again(why: str, views: np.ndarray) -> Result:
+        tracked = start_again(partial(shown, left_out=frozen | views))
         begun = collect(result.subject, result.cameras, result.fps, config, tracked)
         told, seconds = result.config | {why: views_by_name(result, views)}, result.seconds + begun.seconds
         return replace(begun, frame_numbers=result.frame_numbers, config=told, seconds=seconds)
@@ -254,15 +254,14 @@ def _finished(
         status = np.where(at_once, STATUS.index("repeated"), raw.status).astype(raw.status.dtype)
         result, seen = replace(raw, status=status), partial(shown, lambda at: raw.pose[:, at - 1], left_out)
         if config.acceleration:
-            done = whole.of(result) if whole else None
-            result = done or smoothed(result, config, read_ahead(seen()), progress)
+            result = (whole and whole.of(result)) or smoothed(result, config, read_ahead(seen()), progress)
             gc.collect()  # what was smoothed holds itself, and with it the fields of a window
         return with_evidence(result, config, read_ahead(seen()))
 
-    result = judged(again("frozen_views", frozen, frozen) if frozen.any() else result, frozen, whole)
+    result = judged(again("frozen_views", frozen) if frozen.any() else result, frozen, whole)
     moved = views_beside(result)
     moved &= (np.isfinite(result.iou[result.best_run]) & ~moved).sum(axis=1, keepdims=True) >= _LEAST_VIEWS
-    return judged(again("moved_views", moved, frozen | moved), frozen | moved) if moved.any() else result
+    return judged(again("moved_views", moved), frozen | moved) if moved.any() else result
 
 
 def check_start(scene: Scene, subject: Subject) -> None:

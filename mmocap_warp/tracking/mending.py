@@ -19,6 +19,7 @@ from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.result.verdict import views_left_out
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_observations
 from mmocap_warp.tracking.evidence import with_evidence
@@ -109,11 +110,9 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
 
 def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> list[Observation]:
     """The masks of some frames as the track saw them: without the views that were frozen, or of cameras moved."""
-    gone = [result.config.get(why, {}) for why in ("frozen_views", "moved_views")]
-    numbers, names = result.frame_numbers[list(positions)], result.cameras.names
-    seen = tracked_observations(scene, result, positions)
-    left_out = np.any([[np.isin(numbers, each.get(name, [])) for name in names] for each in gone], axis=0).T
-    shown = [each.without(views) for each, views in zip(seen, left_out, strict=True)]
+    left_out = views_left_out(result, "frozen_views") | views_left_out(result, "moved_views")
+    seen = zip(tracked_observations(scene, result, positions), left_out[list(positions)], strict=True)
+    shown = [each.without(views) for each, views in seen]
     if clothes := loose_clothes(result.subject, result.cameras):
         shown = [clothes.hidden_in(each, result.pose[:, at]) for each, at in zip(shown, positions, strict=True)]
     return shown

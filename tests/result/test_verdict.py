@@ -130,7 +130,7 @@ def test_a_camera_that_was_moved_is_named_from_that_frame_on():
 
 def test_a_moved_camera_that_was_left_out_spoils_nothing():
     shift = np.where(MOVED > 0.03, np.nan, MOVED)
-    told = judged(view_shift=shift, fps=4.0, config={"moved_views": {"cam02": [17, 18, 19, 20, 21]}})
+    told = judged(view_shift=shift, fps=4.0, config={"moved_views": {"cam01": [8], "cam02": [9, *range(17, 30)]}})
     assert (told["trusted"], told["next"]) == (FRAMES, None)
     assert "cam02 lies beside the body in frames 17 to 21 (5 in all), and is left out there" in told["lines"][1]
 

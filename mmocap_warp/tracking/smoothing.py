@@ -15,7 +15,7 @@ from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip import uncertainty
 from mmocap_warp.contour.clip.backward_pass import AHEAD, STARTS, BackwardPass
-from mmocap_warp.contour.clip.clip_problem import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
+from mmocap_warp.contour.clip.clip_problem import ClipProblem, SolvedWindow, coarse_then_fine, window_frames
 from mmocap_warp.contour.clip.device_band import DeviceBand
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.fitter import WIDE
@@ -56,7 +56,7 @@ _FALL = 0.03  # overlap below that of the frames before from which a limb may be
 
 def frames_held(rate: float) -> int:
     """Number of frames whose masks are held: a window, and the frames beyond it that it is followed back from."""
-    return max(1, round(WINDOW * rate) + round(AHEAD * rate))
+    return window_frames(rate) + round(AHEAD * rate)
 
 
 @dataclass(frozen=True, eq=False)

@@ -167,7 +167,7 @@ class BackwardPass:
         for limb in self.limbs:
             joints = np.unique((limb - TRANSLATION) // 3)
             step = np.linalg.norm(np.diff(centre[:, joints], axis=0), axis=2).max(axis=1, initial=0.0)
-            beside = np.pad(step, 1, mode="edge")
+            beside = np.pad(step, 1, mode="edge") if len(step) else np.zeros(2)
             leaps = np.flatnonzero(step - np.maximum(beside[:-2], beside[2:]) > _LEAP)
             away = np.zeros(len(way), bool)
             for first in leaps:

@@ -77,7 +77,7 @@ class ClipProblem:
         after frames that ``shows`` (frame,) bool names; where it is None, after those that show anything. Frames of
         the ``course`` may be missing at first: ``ready`` waits for those up to one, before they are looked at.
         """
-        window, overlap, ahead = (round(time * self.rate) for time in (WINDOW, OVERLAP, AHEAD))
+        window, overlap, ahead = window_frames(self.rate), round(OVERLAP * self.rate), round(AHEAD * self.rate)
         first, held, rooted = 0, self.rooting.none, self.rooting.none  # poses from the first frame of a window on
         while first < len(course):
             # Solve the window.
@@ -163,6 +163,11 @@ class ClipProblem:
             return self.band.solved(moving, held, own), moving.terms.cost[held:]
         motion = penalty.around(*self.points.linearised(rooted), known).without_first(held)
         return (motion.band + own.matrix).solved(own.gradient + motion.gradient), motion.cost
+
+
+def window_frames(rate: float) -> int:
+    """How many frames are solved together; two at least, so that every window has a final one."""
+    return max(2, round(WINDOW * rate))
 
 
 def _known(held: RootedPoses, contour: NormalEquations) -> np.ndarray:

@@ -160,9 +160,9 @@ class KeptObservations:
                 length = self._file.write(packed)
                 self._file.flush()  # else a full disk is noticed too late to read the masks again
         except OSError:  # no room
-            self._frames.clear()
-            self._full = True
-            with suppress(OSError):  # closing writes what is left
+            with self._lock, suppress(OSError):  # closing writes what is left
+                self._frames.clear()
+                self._full = True
                 self._file.close()
             return
         empty = np.broadcast_to(np.uint32(0), observation.words.shape)  # its shape, and no memory
@@ -183,6 +183,8 @@ class KeptObservations:
         place = 0
         for length, frame in self._frames:
             with self._lock:
+                if self._full:
+                    return
                 self._file.seek(place)
                 packed = self._file.read(length)
             place += length

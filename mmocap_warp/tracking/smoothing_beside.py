@@ -68,7 +68,8 @@ class SmoothingBeside:
     def add(self, frame: int, answer: FrameAnswer) -> None:
         """A frame, by its position, was tracked. An error of the thread, which needs this frame, is raised here."""
         if self._smoothed.done():
-            self._smoothed.result()
+            with suppress(InterruptedError):  # no masks are kept any more: it is smoothed later
+                self._smoothed.result()
         for name in ("pose", "cost", "iou", "status"):
             getattr(self._room, name)[:, frame] = getattr(answer, name)
         self._added.release()
@@ -91,9 +92,10 @@ class SmoothingBeside:
             while known < min(frame + 2, count):
                 self._added.acquire()
                 known += 1
-            if self._closed:
+            seen = next(kept, None)
+            if self._closed or seen is None:
                 raise InterruptedError
-            yield next(kept)
+            yield seen
 
 
 class SmoothingElsewhere:

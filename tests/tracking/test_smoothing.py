@@ -234,12 +234,31 @@ def test_a_run_is_the_same_alone_and_beside_others():
 PER_RUN = ("pose", "cost", "iou", "evaluations", "status")
 
 
+@pytest.mark.parametrize("rate", [0.2, 0.5])
+def test_few_frames_a_minute_are_smoothed_too(rate):
+    seen = hidden(swinging()[1][:4], (1,))
+    result = track_observations(SUBJECT, RIG, iter(seen), rate, replace(CONFIG, algorithm="contour"))
+    assert [STATUS[status] for status in result.status[0]] == ["tracked", "interpolated", "tracked", "tracked"]
+
+
+def test_a_clip_of_one_frame_may_be_bridged():
+    raw = rough_track()
+    skeleton = SUBJECT.body.skeleton
+    one = replace(
+        raw, frame_numbers=np.arange(1), **{name: getattr(raw, name)[:, :1] for name in PER_RUN}
+    )  # fmt: skip
+    turned = one.pose.copy()
+    turned[0, 0, skeleton.angles("LElbow")] += 1.5  # so that the way back finds another pose
+    result = smoothed(replace(one, pose=turned), CONFIG, swinging()[1][:1])
+    assert joint_errors_of(result.pose[0]) < joint_errors_of(turned[0])
+
+
 @pytest.mark.parametrize("runs", [1, 2])
 def test_masks_are_read_once_and_as_they_are_wanted(monkeypatch, runs):
     seen = swinging()[1]
     whole = smoothed(rough_track(runs), replace(CONFIG, runs=runs), seen)
+    monkeypatch.setattr(clip, "WINDOW", 12 / FPS)
     for module in clip, smoothing:
-        monkeypatch.setattr(module, "WINDOW", 12 / FPS)
         monkeypatch.setattr(module, "AHEAD", 3 / FPS)
     monkeypatch.setattr(clip, "OVERLAP", 5 / FPS)
     read, told = [], []
@@ -305,8 +324,8 @@ def test_interrupted_while_it_is_smoothed_a_run_ends_with_the_same_bits(walk, tm
 
 @pytest.mark.parametrize("frames", [FRAMES, 1, 2])
 def test_smoothed_while_it_is_tracked_a_clip_has_the_same_bits(monkeypatch, frames):
+    monkeypatch.setattr(clip, "WINDOW", 8 / FPS)
     for module in clip, smoothing:
-        monkeypatch.setattr(module, "WINDOW", 8 / FPS)
         monkeypatch.setattr(module, "AHEAD", 2 / FPS)
     monkeypatch.setattr(clip, "OVERLAP", 3 / FPS)
     seen, config = swinging()[1][:frames], replace(CONFIG, threads=2)
@@ -347,6 +366,26 @@ def test_an_error_of_the_smoothing_stops_the_track_at_the_next_frame(monkeypatch
         wait([beside._smoothed])
         with pytest.raises(ZeroDivisionError):
             beside.add(2, answers[2])
+
+
+def test_a_track_goes_on_without_what_smooths_it_where_the_disk_is_full(monkeypatch):
+    seen, track = swinging()[1], rough_track()
+    answers = [FrameAnswer(pose, *(np.ones(1),) * 2, 1, 0, 0.0) for pose in np.moveaxis(track.pose, 1, 0)]
+    with KeptObservations() as kept, closing(SmoothingBeside(kept, None)) as beside:
+        beside.begin(track, CONFIG)
+        kept.add(seen[0])
+        beside.add(0, answers[0])
+        monkeypatch.setattr(kept, "_file", SimpleNamespace(seek=full, close=lambda: None))
+        for frame in (1, 2):
+            kept.add(seen[frame])
+            beside.add(frame, answers[frame])
+        wait([beside._smoothed])
+        beside.add(3, answers[3])
+    assert len(kept) == 0
+
+
+def full(*_: object) -> None:
+    raise OSError(28, "No space left on device")
 
 
 def test_an_interrupted_track_leaves_no_thread_waiting():

@@ -8,6 +8,8 @@ and the span is smoothed as a clip of its own, in which the frames around it are
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -18,13 +20,15 @@ from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, Trust
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
+from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.verdict import views_left_out
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_observations
 from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
-from mmocap_warp.tracking.loose_clothes import loose_clothes
+from mmocap_warp.tracking.holes import HOLE_SECONDS
+from mmocap_warp.tracking.loose_clothes import with_hidden
 from mmocap_warp.tracking.pins import Pins
 from mmocap_warp.tracking.recovery_starts import SCATTERED_POSES, RecoveryStarts
 from mmocap_warp.tracking.smoothing import Mending, smoothed
@@ -66,7 +70,7 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
     context = max(3, round(_CONTEXT * result.rate))
     first, last = max(0, span.start - context), min(len(result.frame_numbers), span.stop + context)
     whole, unit = list(range(first, last)), result.subject.body.unit
-    part, seen = result.at(whole).in_unit(unit), _observations(scene, result, whole)
+    part, seen = result.at(whole).in_unit(unit), _observations(scene, result, first, last)
     own = range(span.start - first, span.stop - first)
     config, within = config.in_unit(unit), pins.moved(first, unit)
     at = [frame for frame in np.unique(within.frame).tolist() if frame in own]
@@ -86,12 +90,15 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
     margin = round(_MARGIN * result.rate)
     free[max(own.start, ends[0] - margin) : min(own.stop, ends[1] + 1 + margin)] = True
     repeated = part.status == STATUS.index("repeated")
-    status = np.where(free & ~repeated, STATUS.index("tracked"), part.status).astype(np.int8)
+    shown = np.array([each.foreground > 0 for each in seen])
+    of_views = [STATUS.index(name) for name in ("tracked", "partial", "lost")]
+    own = np.select([shown.all(axis=1), shown.any(axis=1)], of_views[:2], of_views[2])
+    status = np.where(free & ~repeated, own, part.status).astype(np.int8)
     done = smoothed(replace(part, pose=pose, status=status), config, seen, mending=Mending(~free, within))
     if result.view_shift is not None:
         done = with_evidence(done, config, seen)
-    usual = np.nanmean(result.iou, axis=2)
-    low = np.nanmean(done.iou, axis=2) < np.nanmedian(usual, axis=1, keepdims=True) - _LOST_OVERLAP
+    usual = nanmean(result.iou, axis=2)
+    low = nanmean(done.iou, axis=2) < np.nanmedian(usual, axis=1, keepdims=True) - _LOST_OVERLAP
     done = replace(done, status=np.where(low & ~repeated, STATUS.index("lost"), done.status).astype(np.int8))
     done = done.in_unit(1 / unit)
 
@@ -108,14 +115,14 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
     return replace(result, config=result.config | {"mended": history}, **arrays)
 
 
-def _observations(scene: Scene, result: Result, positions: Sequence[int]) -> list[Observation]:
-    """The masks of some frames as the track saw them: without the views that were frozen, or of cameras moved."""
+def _observations(scene: Scene, result: Result, first: int, last: int) -> list[Observation]:
+    """The masks of frames as the track saw them: without the views that were frozen, or of cameras moved."""
+    begin = max(0, first - ceil(HOLE_SECONDS * result.rate))  # a hole may be open at the first
+    seen = tracked_observations(scene, result, range(begin, last))
+    seen = with_hidden(seen, result.subject, result.cameras, result.rate, lambda i: result.pose[:, begin + i - 1])
     left_out = views_left_out(result, "frozen_views") | views_left_out(result, "moved_views")
-    seen = zip(tracked_observations(scene, result, positions), left_out[list(positions)], strict=True)
-    shown = [each.without(views) for each, views in seen]
-    if clothes := loose_clothes(result.subject, result.cameras):
-        shown = [clothes.hidden_in(each, result.pose[:, at]) for each, at in zip(shown, positions, strict=True)]
-    return shown
+    shown = zip(islice(seen, first - begin, None), left_out[first:last], strict=True)
+    return [each.without(views) for each, views in shown]
 
 
 class _SpanSearch:

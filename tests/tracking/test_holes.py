@@ -15,6 +15,7 @@ from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.tracking import mending
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.holes import HOLE_SECONDS, with_holes
@@ -161,6 +162,14 @@ def test_a_run_that_stops_at_an_open_hole_is_resumed_with_the_same_bits(holed_sc
     assert hidden_in[18:] == hidden_in[5:12]
     for field in ("pose", "raw_pose", "cost", "status", "joint_sigma"):
         np.testing.assert_array_equal(getattr(resumed, field), getattr(whole, field))
+
+
+def test_mending_sees_the_holes_that_the_track_saw(holed_scene):
+    scene = load_scene(holed_scene)
+    result = track(scene, read_subject(holed_scene.with_name("subject.usdc")), CONFIG)
+    seen = mending._observations(scene, result, 5, 10)
+    assert [each.hidden is not None for each in seen] == [True, True, True, False, False]
+    assert seen[0].holed.all()
 
 
 def test_holes_are_followed_in_the_clip_that_a_body_is_fitted_to_and_live(holed_scene, monkeypatch):

@@ -12,7 +12,9 @@ import mmocap_warp as mm
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.result.result import STATUS
 from mmocap_warp.scenes import ROOT
+from mmocap_warp.tracking import mending
 from mmocap_warp.tracking.pins import read_pins
 
 LOST = slice(8, 20)
@@ -52,6 +54,24 @@ def off(result, other):
     return np.linalg.norm(result.joints()[0] - other.joints()[0], axis=-1).max(axis=-1)
 
 
+def test_frames_without_masks_stay_lost_or_partial(scene, sound, faulty, monkeypatch):
+    observations = mending._observations
+
+    def some_empty(*of):
+        seen = observations(*of)
+        first = int(np.flatnonzero(sound.frame_numbers == of[2])[0])
+        for frame, views in ((12, slice(None)), (13, 0)):
+            empty = np.zeros(len(scene.calibrated), bool)
+            empty[views] = True
+            seen[frame - first] = seen[frame - first].without(empty)
+        return seen
+
+    monkeypatch.setattr(mending, "_observations", some_empty)
+    pins = [clicked(scene, sound, frame, joint) for frame in (10, 14, 18) for joint in ("LElbow", "LWrist")]
+    mended = mm.track(scene, again=faulty, pins=pins, device="cpu", threads=1)
+    assert [STATUS[status] for status in mended.status[0, 11:15]] == ["tracked", "interpolated", "partial", "partial"]
+
+
 def test_a_lost_limb_that_is_clicked_comes_back_and_other_frames_keep_their_bits(scene, sound, faulty):
     assert (off(faulty, sound)[LOST] > 0.2).all()
     pins = [clicked(scene, sound, frame, joint) for frame in (10, 14, 18) for joint in ("LElbow", "LWrist")]
@@ -72,7 +92,7 @@ def test_a_lost_limb_that_is_clicked_comes_back_and_other_frames_keep_their_bits
         ({"joint": "Hand"}, r"\[pin 2\]: joint = 'Hand' is not known; give one of Root, "),
         ({"cam9": [1, 2]}, r"\[pin 2\]: 'cam9' is no camera"),
         ({"second": [-9, 3]}, r"\[pin 2\]: \w+ = \[-9.0, 3.0\] is outside the image"),
-        ({"second": None}, r"\[pin 2\]: has a pixel in 1 camera; click the joint in two"),
+        ({"second": None}, r"\[pin 2\]: names 1 camera; click the joint in two"),
         ({"second": [1, 1]}, r"\[pin 2\]: LWrist in frame 10: the pixels of .* contradict each other by \d+ mm"),
     ],
 )

@@ -27,7 +27,7 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.device.transfers import Download, Replays
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
-from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
+from mmocap_warp.tracking.algorithms import CONTOUR_TRACKERS, PRESETS
 from mmocap_warp.tracking.contour_state import Candidates, ContourState
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.pose_search import PoseSearch, RootFrame
@@ -80,7 +80,8 @@ class ContourTracker:
         self._subject, self._fps, self._runs = subject, fps, config.runs
         self.device = resolve_device(config.device)
         searched_by = config.algorithm if config.polish else CONTOUR_TRACKERS[config.algorithm]
-        self.search = PoseSearch(subject, rig, config, ALGORITHMS[searched_by], abs(fps)) if searched_by else None
+        search = PRESETS[config.preset].algorithm(searched_by) if searched_by else None
+        self.search = PoseSearch(subject, rig, config, search, abs(fps)) if search else None
         self._starts, candidates = RecoveryStarts(subject, rig, config), config.runs * starts_per_run(config)
         self._fitter = make_fitter(subject, rig, config, candidates)
         self._judge = make_objective(subject, rig, config, candidates)

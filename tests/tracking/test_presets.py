@@ -6,6 +6,7 @@ from synthetic import synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.tracking.algorithms import ALGORITHMS, PRESETS
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 
@@ -50,3 +51,9 @@ def test_apf_that_restarts_carries_its_answer_alone(device):
     other.state = first.state
     np.testing.assert_array_equal(first.step(seen[1]).pose, other.step(seen[1]).pose)
     assert len(apf(device, "recording").state.search_memory) == 2
+
+
+@pytest.mark.parametrize(("preset", "carried"), [("recording", 2), ("recording-restart", 0)])
+def test_a_search_before_contours_has_the_presets_settings_too(preset, carried):
+    config = TrackConfig("apf", evaluations=100, preset=preset, polish=True, device="cpu")
+    assert len(ContourTracker(synthetic_subject(), RIG, config, FPS).state.search_memory) == carried

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.device.cores import available_threads
-from mmocap_warp.errors import InputError, missing_package
+from mmocap_warp.errors import InputError, input_errors, missing_package
 from mmocap_warp.masks.cleanup import clean_mask
 from mmocap_warp.masks.frames import decode_image, natural_order, read_file
 from mmocap_warp.masks.mask_files import decode_mask_image
@@ -30,6 +30,7 @@ _STALE = 3.0  # periods after which a camera that sent nothing is lost
 _RETRY = 0.5  # seconds before a camera is opened again
 _FIRST_IMAGE = 15.0  # seconds that cameras may take to send their first images
 _POLL = 0.004  # seconds between looks at a folder
+_SILENCE = 1.0  # seconds without the next image after which a folder is listed anew
 
 
 class Arrival(NamedTuple):
@@ -170,14 +171,19 @@ def _own_files(scenes: Sequence[Scene], scale: float) -> Arrivals:
 def _growing(scenes: Sequence[Scene], scale: float, folder: Path) -> Arrivals:
     """Numbered images in a folder for each camera, from the last that is there, without an end.
 
-    A frame is there when all cameras have it. Where the next one has come, cameras that lack it sent nothing.
+    A frame is there when all cameras have it. Where the next one has come, cameras that lack it sent nothing. One that
+    is two behind is dropped.
     """
     see, folders = _Seeing(scenes, scale), [folder / name for name in scenes[0].calibrated.names]
     if missing := [each for each in folders if not each.is_dir()]:
         raise InputError(missing[0], "no such folder", "make a folder of each camera's name, for its numbered images")
-    while not all(there := [[name for name in os.listdir(each) if name[0].isdecimal()] for each in folders]):
+
+    def last_of(folder: Path) -> str:
+        return max((name for name in os.listdir(folder) if Path(name).stem.isdecimal()), key=natural_order, default="")
+
+    while not all(names := [last_of(each) for each in folders]):
         time.sleep(_POLL)
-    ends = [each / max(names, key=natural_order) for each, names in zip(folders, there, strict=True)]
+    ends = [each / name for each, name in zip(folders, names, strict=True)]
     number = max(int(end.stem) for end in ends)
 
     def files(of: int) -> list[Path | None]:
@@ -185,8 +191,14 @@ def _growing(scenes: Sequence[Scene], scale: float, folder: Path) -> Arrivals:
         return [file if file.exists() else None for file in named]
 
     while True:
+        waited = 0.0
         while not (all(files(number)) or any(files(number + 1))):
             time.sleep(_POLL)
+            waited += _POLL
+            if waited > _SILENCE:  # numbers may have been left out
+                number, waited = max(number, *(int(Path(last_of(each)).stem or 0) for each in folders)), 0.0
+        while all(files(number + 2)):
+            number += 1
         images = [file and see.decoded(read_file(file), file) for file in files(number)]
         yield see(number, time.time(), images)
         number += 1
@@ -201,7 +213,8 @@ def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
         import zmq
     except ImportError:
         raise missing_package(address, "pyzmq", "read", "live", "give a folder that grows") from None
-    see, names = _Seeing(scenes, scale), scenes[0].calibrated.names
+    see, names, number = _Seeing(scenes, scale), ", ".join(scenes[0].calibrated.names), -1
+    remedy = f'send {{"frame": number, "time": seconds}} and an image of each of {names}'
     with zmq.Context() as context, context.socket(zmq.SUB) as socket:
         socket.subscribe(b"")
         socket.connect(address)
@@ -209,15 +222,15 @@ def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
             parts = socket.recv_multipart()
             while socket.poll(0):  # only the newest counts
                 parts = socket.recv_multipart()
-            try:
+            kinds = ValueError, KeyError, TypeError, AttributeError
+            with input_errors(address, "sent what is no frame ({error})", remedy, *kinds):
                 about = json.loads(parts[0])
                 if about.get("end"):
                     return
-                number, seen = int(about["frame"]), float(about["time"])
-                yield see(number, seen, [see.decoded(part, address) for part in parts[1:]])
-            except (ValueError, KeyError, TypeError, AttributeError) as error:
-                remedy = f'send {{"frame": number, "time": seconds}} and an image of each of {names}'
-                raise InputError(address, f"sent what is no frame ({error})", remedy) from None
+                # A program that begins anew counts from zero again.
+                number, seen = max(int(about["frame"]), number + 1), float(about["time"])
+                arrival = see(number, seen, [see.decoded(part, address) for part in parts[1:]])
+            yield arrival
 
 
 def _camera(address: str, stopped: threading.Event) -> Callable[[float], np.ndarray | None]:

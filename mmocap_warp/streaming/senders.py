@@ -73,20 +73,23 @@ def open_sender(address: str, people: Mapping[str, Subject], rig: CameraRig, fps
         UsageError: there is no such kind of address.
         InputError: a package is missing, the address is taken, or a body is none that the listeners know.
     """
-    parts = urlsplit(address)
-    host, port = parts.hostname or "127.0.0.1", parts.netloc.rpartition(":")[2]
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname or "127.0.0.1", parts.port
+    except ValueError as error:
+        raise UsageError(f"--to {address} is no address: {error}") from None
     if parts.scheme in ("tcp", "ipc"):
         return _Zmq(address)
-    if parts.scheme == "ws" and port.isdecimal():
-        return _Web(address, host, int(port), people, rig)
-    if parts.scheme == "vmc" and port.isdecimal():  # a listener knows one body: the next has the next port
-        ports = zip(count(int(port)), people.items())
+    if parts.scheme == "ws" and port:
+        return _Web(address, host, port, people, rig)
+    if parts.scheme == "vmc" and port:  # a listener knows one body: the next has the next port
+        ports = zip(count(port), people.items())
         return _Each({name: _Vmc(address, host, own, subject, rig.up) for own, (name, subject) in ports})
     if parts.scheme == "lsl" and parts.netloc:
         streams = {name: f"{address[6:]}-{name}" if len(people) > 1 else address[6:] for name in people}
         return _Each({name: _Lsl(address, stream, people[name], fps) for name, stream in streams.items()})
     kinds = "tcp://HOST:PORT (ZMQ), ws://HOST:PORT (a page), vmc://HOST:PORT and lsl://NAME"
-    raise UsageError(f"--to {address} is no address; possible are {kinds}")
+    raise UsageError(f"--to {address} is no address; give one of {kinds}")
 
 
 class _Each:
@@ -142,10 +145,8 @@ class _Web:
         server = _package(address, "websockets.sync.server", "websockets")
         self._gone = import_module("websockets.exceptions").ConnectionClosed
         self._page, self._listeners, self._closed = _page(people, rig), set[queue.Queue[str]](), False
-        try:
+        with input_errors(address, "cannot be opened ({error})", "choose another host or port", OSError):
             self._server = server.serve(self._listen, host, port, process_request=self._answer, compression=None)
-        except OSError as error:
-            raise InputError(address, f"cannot be opened ({error.strerror})", "choose another port") from None
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
     def send(self, packet: Packet) -> None:
@@ -197,7 +198,9 @@ class _Vmc:
     """Sends a person's bones by the Virtual Motion Capture protocol, as Unity has them: left-handed, y up."""
 
     def __init__(self, address: str, host: str, port: int, subject: Subject, up: str) -> None:
-        self._client = _package(address, "pythonosc.udp_client", "python-osc").SimpleUDPClient(host, port)
+        client = _package(address, "pythonosc.udp_client", "python-osc")
+        with input_errors(address, "cannot be opened ({error})", "choose another host", OSError):
+            self._client = client.SimpleUDPClient(host, port)
         skeleton = subject.body.skeleton
         try:
             rig_names(subject.body, "unity")

@@ -111,6 +111,14 @@ def test_a_folder_that_grows(scene, tmp_path):
     for folder, data in zip(folders, (PNG, PNG[:40], PNG), strict=True):
         (folder / "0010.png").write_bytes(data)
     assert seen(next(coming)) == [480, None, 480]  # one is half-written
+    for folder in folders:
+        (folder / "0015.png.part").write_bytes(b"being written")
+        (folder / "0014.png").write_bytes(PNG)
+    assert next(coming).number == 14  # numbers were left out
+    for number in (15, 16, 17):
+        for folder in folders:
+            (folder / f"{number:04d}.png").write_bytes(PNG)
+    assert next(coming).number == 16  # the other was two behind
     with pytest.raises(InputError, match="cam01: no such folder"):
         next(arrivals([scene], 1.0, [str(tmp_path)]))
 
@@ -244,6 +252,36 @@ def test_messages_that_are_no_frame(scene, parts):
             socket.send_multipart(parts)
             time.sleep(0.01)
         assert "sent what is no frame" in errors[0]
+
+
+def test_what_a_program_publishes_of_another_size_and_after_it_began_anew(scene):
+    zmq = pytest.importorskip("zmq")
+    small = cv2.imencode(".png", np.zeros((20, 30), np.uint8))[1].tobytes()
+    with zmq.Context() as context, context.socket(zmq.PUB) as socket:
+        address = f"tcp://127.0.0.1:{socket.bind_to_random_port('tcp://127.0.0.1')}"
+        numbers: list[int] = []
+        errors: list[str] = []
+
+        def read() -> None:
+            try:
+                for each in arrivals([scene], 1.0, [address]):
+                    numbers.append(each.number)
+            except InputError as error:
+                errors.append(str(error))
+
+        def publish(number: int, *images: bytes) -> None:
+            socket.send_multipart([json.dumps({"frame": number, "time": 1.5}).encode(), *images])
+            time.sleep(0.02)
+
+        reader = threading.Thread(target=read)
+        reader.start()
+        while len(numbers) < 3:
+            publish(7, PNG, PNG, PNG)
+            publish(0, PNG, PNG, PNG)
+        assert (np.diff(numbers) > 0).all()
+        while reader.is_alive():
+            publish(0, small, small, small)
+        assert errors[0].startswith("cam01: sends 30x20, the calibration says")
 
 
 def test_messages_without_their_package(scene, monkeypatch):

@@ -45,9 +45,12 @@ def test_turns_are_from_the_bind_pose():
     np.testing.assert_allclose(np.abs(turn @ turn[0]), 1.0, atol=1e-6)  # every joint turns as the root does
 
 
-@pytest.mark.parametrize("address", ["file://a", "127.0.0.1", "ws://127.0.0.1", "vmc://host:port", "lsl://", ""])
+@pytest.mark.parametrize(
+    "address",
+    ["file://a", "127.0.0.1", "ws://127.0.0.1", "vmc://host:port", "lsl://", "", "ws://127.0.0.1:99999", "ws://[::1"],
+)
 def test_addresses_that_cannot_be(address):
-    with pytest.raises(UsageError, match="is no address; possible are tcp://HOST:PORT"):
+    with pytest.raises(UsageError, match="is no address"):
         open_sender(address, {"": SUBJECT}, RIG, 30.0)
 
 

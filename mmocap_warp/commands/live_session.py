@@ -114,7 +114,8 @@ def live(
         for name, known in subjects.items():
             own, hears = (known, rig, rate, chosen), list(listeners)
             if files:
-                hears.append(stack.enter_context(closing(GrowingResult(files[name], *own))))
+                kept = GrowingResult(files[name], known, rig, loaded.fps, chosen, range(1) if source else loaded.frames)
+                hears.append(stack.enter_context(closing(kept)))
             people.append(Tracked(name, known, 1 / rate, hears))
             about.append((*own, scenes[name].has_others))
         with arguments_checked():

@@ -23,11 +23,16 @@ _KINDS = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}  # of
 
 
 class GrowingResult:
-    """Keeps the smoothed frames, as a sender does; when it is closed, the result is whole."""
+    """Keeps the smoothed frames, as a sender does; when it is closed, the result is whole.
 
-    def __init__(self, path: Path, subject: Subject, rig: CameraRig, fps: float, config: TrackConfig) -> None:
-        start = lost_frame(subject.pose[None], len(rig))
-        begun = collect(subject, rig, fps, config, [start])  # all that is known before a frame comes
+    They are the recording's ``frames``, whose rate is ``fps``.
+    """
+
+    def __init__(
+        self, path: Path, subject: Subject, rig: CameraRig, fps: float, config: TrackConfig, frames: range
+    ) -> None:
+        start, self._frames = lost_frame(subject.pose[None], len(rig)), frames
+        begun = collect(subject, rig, fps, config, [start], frames[:1])  # all that is known before a frame comes
         write_result(path, begun := replace(begun, raw_pose=begun.pose))
         self._path, self._kind = path, _record(begun)
         self._file = path.with_name(f"{path.name}.frames").open("wb", buffering=0)
@@ -37,7 +42,8 @@ class GrowingResult:
         if packet.smooth:
             frame = packet.answer
             status = [STATUS.index(each) for each in frame.status]
-            record = np.array((frame.number, frame.pose, frame.raw_pose, frame.iou, status), self._kind)
+            number = self._frames.start + self._frames.step * frame.number
+            record = np.array((number, frame.pose, frame.raw_pose, frame.iou, status), self._kind)
             with input_errors(self._path, "cannot grow ({error})", "make room", OSError):
                 self._file.write(record.tobytes())
 

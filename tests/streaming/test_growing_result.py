@@ -27,16 +27,17 @@ def packets() -> list[Packet]:
 
 
 def grown(path) -> GrowingResult:
-    return GrowingResult(path, SUBJECT, RIG, 30.0, TrackConfig(device="cpu"))
+    return GrowingResult(path, SUBJECT, RIG, 60.0, TrackConfig(device="cpu"), range(10, 90, 2))
 
 
 def check(path, count: int) -> None:
     result = read_result(path)
-    assert result.frame_numbers.tolist() == [5, 6, 7, 9][:count]
+    assert result.frame_numbers.tolist() == [20, 22, 24, 28][:count]
     np.testing.assert_array_equal(result.pose[0], POSES[:count])
     np.testing.assert_array_equal(result.raw_pose[0], POSES[:count] + 0.01)
     np.testing.assert_array_equal(result.iou[0], [[0.9, np.nan]] * count)
-    assert result.fps == 30
+    assert result.fps == 60
+    assert result.rate == 30
     assert not finish(path)  # there is nothing left to do
 
 

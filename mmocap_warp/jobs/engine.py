@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-LESS_MEMORY = "give the study fewer seeds or frames, or run fewer workers at a time on this machine"
+LESS_MEMORY = "give it fewer runs or frames, or let fewer workers run at a time on this machine"
 """What a user can do about a worker that ran out of memory."""
 
 _STARTS = 3  # tries to start a worker; when each dies before it is ready, its place is given up

@@ -5,6 +5,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeAlias
@@ -99,7 +100,7 @@ def run_jobs(
 
     The engine is started only if something is missing; ``report`` is called at least twice a second, ``note`` with
     lines for a person to read. If the run may take so many ``seconds``, no job is begun that would take longer at the
-    pace so far. Of a result is stored what ``keep`` returns.
+    pace so far. What ``keep`` returns is stored of a result.
     """
     missing = []
     for task in tasks:
@@ -112,11 +113,13 @@ def run_jobs(
         missing.append(task)
     run = _Run(missing, tasks, note, math.inf if seconds is None else seconds, keep)
     if missing:
-        workers = engine()
         try:
-            run.work(workers, report)
-        finally:
-            workers.close()
+            workers = engine()
+        except EngineLost as error:
+            run.leave_the_rest(str(error))
+        else:
+            with closing(workers):
+                run.work(workers, report)
     status = run.status()
     report(status)
     return status
@@ -160,13 +163,13 @@ class _Run:
             self._hand_out(engine)
             stuck = self._pending and not self._at_work and not self._waiting and not self._fitting()
             if self._seconds_left <= 0 or stuck:  # nothing runs, and nothing that is left would be finished in time
-                self._leave_the_rest(f"the time of {self._allowed:.0f} s is up")
+                self.leave_the_rest(f"the time of {self._allowed:.0f} s is up")
                 break
             try:
                 for number, event in engine.events(_WAIT):
                     self._take(number, event)
             except EngineLost as error:
-                self._leave_the_rest(str(error))
+                self.leave_the_rest(str(error))
             self._store()
             report(self.status())
         self._give_up(self._disk_problem)
@@ -283,7 +286,8 @@ class _Run:
         self._failures |= {task.name: problem} | {other.name: f"{task.name} failed: {problem}" for other in in_vain}
         self._pending = [other for other in self._pending if other.needs != task.name]
 
-    def _leave_the_rest(self, problem: str) -> None:
+    def leave_the_rest(self, problem: str) -> None:
+        """Give up what is not done, and say why."""
         self._note(f"{problem}; {len(self._pending) + len(self._at_work)} {self._noun}s are left for another run")
         self._give_up(problem)
 

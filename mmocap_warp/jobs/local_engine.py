@@ -84,7 +84,8 @@ class LocalEngine(Engine):
                 event = _how_it_ended(seat.worker)
             seat.ready = seat.ready or isinstance(event, Ready)
             if isinstance(event, Death):
-                self._replace(worker)
+                with suppress(EngineLost):  # the others' results count; without any worker the next call raises it
+                    self._replace(worker)
             happened.append((worker, event))
         return happened
 

@@ -29,7 +29,7 @@ from study_workers import (
 from tiny_study import CELLS, FRAMES, STUDY, answer_members, run_quietly, tasks_of
 
 from mmocap_warp.jobs import job_run
-from mmocap_warp.jobs.engine import Refusal
+from mmocap_warp.jobs.engine import EngineLost, Refusal
 from mmocap_warp.jobs.job_run import run_jobs
 from mmocap_warp.jobs.local_engine import LocalEngine, local_devices
 from mmocap_warp.study import job, store
@@ -175,7 +175,7 @@ def test_a_cell_that_workers_are_killed_at_is_told_with_the_remedy(study, tmp_pa
     assert (status.finished, list(status.failures)) == (2, [few[0].name])
     assert notes[-1] == (
         f"{few[0].name}: given up: cpu died (killed by SIGKILL), as workers did 3 times at this cell; a system that is "
-        "short of memory kills so: give the study fewer seeds or frames, or run fewer workers at a time on this machine"
+        "short of memory kills so: give it fewer runs or frames, or let fewer workers run at a time on this machine"
     )
     assert len(notes) == 3
 
@@ -196,7 +196,7 @@ def test_a_worker_out_of_memory_says_so_and_goes_on(error, told, study, tmp_path
         patched.setattr(job, "make_tracker", fails_with(error))
         *_, refusal = worker.work(first)
     assert refusal == Refusal(
-        f"cpu: memory ran out ({told}); give the study fewer seeds or frames, or run fewer workers at a time on this "
+        f"cpu: memory ran out ({told}); give it fewer runs or frames, or let fewer workers run at a time on this "
         "machine"
     )
     *_, result = worker.work(second)
@@ -234,6 +234,16 @@ def test_workers_that_cannot_start_end_the_run(study, tmp_path):
     assert len(status.failures) == CELLS
     assert "died while it waited or started (ended with exit code 3)" in notes[0]
     assert notes[-1] == f"every worker died while starting; {CELLS} cells are left for another run"
+
+
+def test_an_engine_that_cannot_start_ends_the_run(study, tmp_path):
+    def starting() -> LocalEngine:
+        raise EngineLost("no process can be started here")
+
+    notes = []
+    status = run_quietly(tasks_of(study, tmp_path / "results"), starting, notes)
+    assert len(status.failures) == CELLS
+    assert notes == [f"no process can be started here; {CELLS} cells are left for another run"]
 
 
 def test_an_error_in_a_worker_names_itself(study, tmp_path, monkeypatch):

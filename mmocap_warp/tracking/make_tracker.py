@@ -17,7 +17,6 @@ from mmocap_warp.contour.frame.fields import MOST_WHOLE, whole_image_bytes
 from mmocap_warp.contour.frame.fitter_arrays import contour_room
 from mmocap_warp.device.resolve import free_memory, resolve_device
 from mmocap_warp.errors import InputError
-from mmocap_warp.tracking.algorithms import CONTOUR_TRACKERS
 from mmocap_warp.tracking.contour_tracker import ContourTracker, starts_per_run
 from mmocap_warp.tracking.limb_pairs import limb_pairs
 from mmocap_warp.tracking.pose_search import search_size
@@ -35,19 +34,12 @@ def make_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: flo
 
     Raises:
         InputError: too many runs, or too large a budget, for the device's memory; says how many runs, or what budget,
-            would fit. Or contours, or a clip that is to be smoothed by them, of a tracking mesh that is not closed.
+            would fit. Or a tracking mesh that is not closed: a body's contours wind around it.
     """
-    _check_closed(subject, config)
+    if not is_closed(subject.body.tracking_face):
+        raise InputError(subject.body.name, "its tracking mesh is not closed", "close the mesh")
     _check_memory(subject, rig, config, fps)
     return (ContourTracker if config.fits_contours else Tracker)(subject, rig, config, fps)
-
-
-def _check_closed(subject: Subject, config: TrackConfig) -> None:
-    """Contours wind around a body only where its mesh is closed."""
-    if (config.fits_contours or config.acceleration) and not is_closed(subject.body.tracking_face):
-        user = config.algorithm if config.algorithm in CONTOUR_TRACKERS else "polish" if config.polish else "smooth"
-        remedy = "close the mesh, or use one of the paper's algorithms without polish and with smooth = 0"
-        raise InputError(subject.body.name, f"its tracking mesh is not closed, which {user} needs", remedy)
 
 
 def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> None:
@@ -60,11 +52,11 @@ def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: fl
     def most(name: str, highest: int) -> int:
         """The highest value of a setting that fits; 0 where none does."""
 
-        def too_large(value: int) -> bool:
+        def need_with(value: int) -> float:
             changed: dict[str, Any] = {name: value}
-            return memory_need(subject, rig, replace(config, **changed), fps) > _SHARE * free
+            return memory_need(subject, rig, replace(config, **changed), fps)
 
-        return bisect.bisect_left(range(1, highest + 1), True, key=too_large)
+        return bisect.bisect_right(range(1, highest + 1), _SHARE * free, key=need_with)
 
     fitting = {"runs": most("runs", config.runs), "evaluations": most("evaluations", config.budget)}
     smaller = " or ".join(f"{name} = {value}" for name, value in fitting.items() if value)
@@ -75,7 +67,7 @@ def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: fl
 
 
 def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> float:
-    """About how many bytes tracking takes, or smoothing after it if that takes more."""
+    """About how many bytes tracking takes, and smoothing beside it."""
     mesh, cameras, dof = subject.body.tracking, len(rig), len(subject.body.skeleton.searched(config.dof))
     on_cpu = resolve_device(config.device) == "cpu"
     vertices, faces, pixels = len(mesh.rest), len(mesh.face), float(rig.size.prod(axis=1).sum())
@@ -104,4 +96,5 @@ def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: floa
     poses = max(STARTS, min(CANDIDATES, frames)) + 1 + len(limb_pairs(subject.body.skeleton))
     # On a GPU, of each frame, derivatives of its points and its rows of the clip's band, factored and inverted.
     band = 0 if on_cpu else 8 * frames * dof * (12 * len(subject.body.joint_rest) + 19 * dof)
-    return max(config.runs * tracking, poses * fitted + fields + band + max(config.runs, poses) * drawn)
+    marks = 8 * pixels  # of what the body leaves uncovered, in the tracker and beside it
+    return config.runs * tracking + poses * fitted + fields + band + max(config.runs, poses) * drawn + marks

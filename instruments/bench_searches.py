@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from body_parts import Part, hierarchical, holistic
 
 from mmocap_warp.bench.evaluations import all_alike
 from mmocap_warp.bench.report_file import FRAME
@@ -19,7 +20,6 @@ from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.optimizers.search import Optimizer, Search
 from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.pose_search import Part, hierarchical, holistic
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker, TrackState
 

@@ -60,8 +60,9 @@ class Descent:
 
 
 @wp.func
-def _pull_cost(descent: Descent, c: int, words: wp.array[wp.uint32], lane: int, lanes: int) -> float:
-    """Each lane reads coordinates of its own: one after the other they would be waited for one after the other."""
+def _cost_of(sums: Sums, descent: Descent, c: int, words: wp.array[wp.uint32], lane: int, lanes: int) -> float:
+    """What the pose costs that was judged."""
+    # Each lane reads coordinates of its own: one after the other they would be waited for one after the other.
     n = descent.index.shape[0]
     factors = matrix_at(words, 0, 2, n)
     for d in range(lane, n, lanes):
@@ -73,13 +74,6 @@ def _pull_cost(descent: Descent, c: int, words: wp.array[wp.uint32], lane: int, 
     cost = float(0.0)
     for d in range(n):
         cost += factors[0, d] * factors[1, d]
-    return cost
-
-
-@wp.func
-def _cost_of(sums: Sums, descent: Descent, c: int, words: wp.array[wp.uint32], lane: int, lanes: int) -> float:
-    """What the pose costs that was judged."""
-    cost = _pull_cost(descent, c, words, lane, lanes)
     for k in range(sums.tally.shape[1]):
         cost += sums.tally[c, k][0]
     return cost

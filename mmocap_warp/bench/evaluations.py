@@ -16,7 +16,6 @@ from mmocap_warp.masks.observation import make_views
 from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.silhouettes.silhouettes import Silhouettes
-from mmocap_warp.tracking.pose_search import hierarchical
 
 KERNELS, EVALUATION = "kernels", "whole evaluation"
 POSED_APART = 1e-5
@@ -93,8 +92,8 @@ def _same_counts(drawn: dict[str, tuple[partial, wp.array]]) -> Check:
 def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
     """Drawing what an arm leaves alone, if anything; the arm over it gives the counts of the whole body."""
     silhouettes = _silhouettes(load, 1, "raster", device)
-    part = hierarchical(load.body.skeleton)[_LEFT_ARM]
-    pieces = silhouettes.split(load.body.skeleton, part.index)
+    name, index = [*load.body.skeleton.searched_by_part().items()][_LEFT_ARM]
+    pieces = silhouettes.split(load.body.skeleton, index)
     if pieces is None:
         return []
     moving, resting = pieces
@@ -108,7 +107,7 @@ def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
         silhouettes.draw(posed, moving, batch, frozen)
         return all_alike(whole, count.numpy(), words="from the whole body's")
 
-    return [Case(KERNELS, "freeze", {"runs": 1, "moving": part.name} | load.sizes, freeze, check)]
+    return [Case(KERNELS, "freeze", {"runs": 1, "moving": name} | load.sizes, freeze, check)]
 
 
 def _cost(load: Workload, count: wp.array, device: str) -> Case:

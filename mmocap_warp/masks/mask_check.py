@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.frames import evenly_spread
-from mmocap_warp.masks.visual_hull import explained_share, meeting_point
+from mmocap_warp.masks.visual_hull import explained_share, meeting_point, seen_at
 
 _COMPARED_FRAMES = 12  # number of frames whose views are compared
 _SPACING = 0.04  # between voxels [m]
@@ -146,15 +146,8 @@ def _votes(rig: CameraRig, masks: list[np.ndarray], subject: np.ndarray) -> tupl
     """(camera, voxel) bool twice: seen as foreground; and foreground or outside of the image."""
     along = np.arange(-_GRID_REACH, _GRID_REACH, _SPACING)
     voxels = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3) + subject
-    hit = np.zeros((len(rig), len(voxels)), bool)
-    possible = np.zeros_like(hit)
-    for k, (pixels, mask) in enumerate(zip(project(rig, voxels), masks, strict=True)):
-        height, width = mask.shape
-        inside = ((pixels > -0.5) & (pixels < (width - 0.5, height - 0.5))).all(axis=1)
-        column, row = np.rint(pixels[inside]).astype(int).T
-        hit[k, inside] = mask[row, column]
-        possible[k] = hit[k] | ~inside
-    return hit, possible
+    shown = np.array([seen_at(rig, k, voxels, mask, -1)[1] for k, mask in enumerate(masks)])
+    return shown > 0, shown != 0
 
 
 def _hull_of(hit: np.ndarray, possible: np.ndarray, views: list[int]) -> np.ndarray:

@@ -38,9 +38,9 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     it ``undecided`` how the body stands, or where masks and calibration fit no body, which is the ``problem``.
     ``holds`` says whether most are trusted, ``unlike`` whether the fit made the body very unlike its kind. ``parts``
     has the numbers of the frames in which a part's joints may be over 100 mm off, by part; ``cameras`` by how much each
-    camera that disagrees with the others does [mm]; ``repeated`` how many frames repeat the one before. By camera have
-    ``frozen`` the numbers of frames in which it repeats its image while the others go on, and ``moved`` those in which
-    it disagrees though it agrees in most; with enough others it was left out there. ``lines`` say all that in words.
+    camera that disagrees with the others does [mm]; ``repeated`` how many frames repeat the one before. ``frozen``
+    lists, by camera, the frames in which it repeats its image while the others go on; ``moved`` lists those in which it
+    disagrees though it agrees in most; with enough others it was left out there. ``lines`` say all that in words.
     ``next`` is the command that may mend the result, where one is needed and the ``scene`` is known.
     """
     best, numbers = result.best_run, result.frame_numbers
@@ -162,5 +162,7 @@ def _ranges(frames: Sequence[int], stride: int) -> str:
     """Frame numbers for people, as ``frames 3 to 9, 12 (8 in all)``."""
     runs = np.split(frames, np.flatnonzero(np.diff(frames) > stride) + 1)
     words = [f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
+    if len(frames) == 1:
+        return f"frame {words[0]}"
     more = [f"{len(words) - _SHOWN_RANGES} more ranges"] if len(words) > _SHOWN_RANGES else []
     return f"frames {', '.join(words[:_SHOWN_RANGES] + more)} ({len(frames)} in all)"

@@ -1,11 +1,12 @@
 """Progress of a tracking run on disk, so that an interrupted one continues and ends with the same bits.
 
-A checkpoint says all that the run's bits depend on, so that it is never continued as another run's, and it is said why.
+A checkpoint says all that the run's bits depend on, so that it is never continued as another run's; the error says why.
 """
 
 import hashlib
 import json
 import os
+import sys
 import time
 import zlib
 from collections.abc import Mapping
@@ -25,7 +26,7 @@ from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import TrackState
 from mmocap_warp.version import __version__
-from mmocap_warp.whole_file import content_hash
+from mmocap_warp.whole_file import content_hash, read_bytes
 
 Identity = dict[str, Any]
 """What a run depends on, by names for people: hashes, and settings as JSON-compatible values."""
@@ -231,12 +232,7 @@ def _header(identity: Identity) -> bytes:
 
 def _content(path: Path) -> bytes | None:
     """What is in a file; None where there is none."""
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error})", "check its permissions") from error
+    return read_bytes(path, "check its permissions", most=sys.maxsize) if path.exists() else None
 
 
 def _identity_in(content: bytes) -> Identity | None:

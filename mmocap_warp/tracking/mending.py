@@ -91,15 +91,15 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
     free[max(own.start, ends[0] - margin) : min(own.stop, ends[1] + 1 + margin)] = True
     repeated = part.status == STATUS.index("repeated")
     shown = np.array([each.foreground > 0 for each in seen])
-    of_views = [STATUS.index(name) for name in ("tracked", "partial", "lost")]
-    own = np.select([shown.all(axis=1), shown.any(axis=1)], of_views[:2], of_views[2])
-    status = np.where(free & ~repeated, own, part.status).astype(np.int8)
+    tracked, partial, lost = (STATUS.index(name) for name in ("tracked", "partial", "lost"))
+    as_shown = np.select([shown.all(axis=1), shown.any(axis=1)], [tracked, partial], lost)
+    status = np.where(free & ~repeated, as_shown, part.status).astype(np.int8)
     done = smoothed(replace(part, pose=pose, status=status), config, seen, mending=Mending(~free, within))
     if result.view_shift is not None:
         done = with_evidence(done, config, seen)
     usual = nanmean(result.iou, axis=2)
     low = nanmean(done.iou, axis=2) < np.nanmedian(usual, axis=1, keepdims=True) - _LOST_OVERLAP
-    done = replace(done, status=np.where(low & ~repeated, STATUS.index("lost"), done.status).astype(np.int8))
+    done = replace(done, status=np.where(low & ~repeated, lost, done.status).astype(np.int8))
     done = done.in_unit(1 / unit)
 
     # All other frames keep their bits.

@@ -78,7 +78,7 @@ def read_pins(pins: str | Path | list[dict[str, Any]], result: Result, recorded:
     listed = tables.pop("pin", None)
     if tables or not isinstance(listed, list) or not listed or not all(isinstance(each, dict) for each in listed):
         remedy = 'write [[pin]], then frame = 155, joint = "LWrist", and a pixel [x, y] of two cameras or more'
-        raise InputError(source, "holds no list of pins, or something beside it", remedy)
+        raise InputError(source, "must hold [[pin]] tables and nothing else", remedy)
     rays = [ray for i, each in enumerate(listed, 1) for ray in _rays(Table(each, source, f"pin {i}"), result, recorded)]
     frame, joint, across, beside = (np.array(column) for column in zip(*rays, strict=True))
     return Pins(frame, joint, across, beside, SIGMA * result.subject.body.relative_size, listed)
@@ -100,7 +100,7 @@ def _rays(table: Table, result: Result, recorded: CameraRig) -> list[tuple[int, 
     for other in table.take_rest():
         raise table.error(f"'{other}' is no camera", f"give pixels of {', '.join(recorded.names)}")
     if len(known) < 2:
-        raise table.error(f"has a pixel in {len(known)} camera", "click the joint in two cameras or more")
+        raise table.error(f"names {len(known) or 'no'} camera", "click the joint in two cameras or more")
     rig, across, beside = result.cameras, [], []
     for camera, pixel in known.items():
         k = recorded.names.index(camera)

@@ -1,7 +1,6 @@
 """A search for poses around the last ones: its parts, objective, optimizers and random numbers, for a batch of runs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
@@ -16,24 +15,6 @@ from mmocap_warp.optimizers.search import Optimizer, Search
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS, Algorithm
 from mmocap_warp.tracking.from_settings import make_objective, search_limits
 from mmocap_warp.tracking.track_config import TrackConfig
-
-
-@dataclass(frozen=True)
-class Part:
-    """Degrees of freedom that are searched together while the rest of the body stays as it is."""
-
-    name: str  # for people
-    index: np.ndarray  # (dof,) int32, coordinates of the pose
-
-
-def holistic(skeleton: Skeleton, dof: int | None = None) -> list[Part]:
-    """One part with every coordinate that a model searches."""
-    return [Part("whole body", skeleton.searched(dof))]
-
-
-def hierarchical(skeleton: Skeleton, dof: int | None = None) -> list[Part]:
-    """The skeleton's parts, of a person the paper's six; later ones never revise earlier ones."""
-    return [Part(name, index) for name, index in skeleton.searched_by_part(dof).items()]
 
 
 class RootFrame:
@@ -119,12 +100,15 @@ def _optimizers(
     seed: wp.array[wp.int32],
     counter: wp.array[wp.int32],
 ) -> list[Optimizer]:
-    """One optimizer for each part of the body, or one for all of them; their runs are those of ``seed`` (run,)."""
-    parts = (hierarchical if algorithm.hierarchical else holistic)(skeleton, config.dof)
+    """One optimizer for each part of the body, or one for all of them; their runs are those of ``seed`` (run,).
+
+    Of a person the parts are the paper's six, and later ones never revise earlier ones.
+    """
+    by_part = [*skeleton.searched_by_part(config.dof).values()]
+    parts = by_part if algorithm.hierarchical else [skeleton.searched(config.dof)]
     rotation, translation = radii
-    sizes = [len(part.index) for part in parts]
-    searched = [np.concatenate([part.index for part in parts])] if algorithm.partitioned else [p.index for p in parts]
-    options = {"partitions": sizes} if algorithm.partitioned else {}
+    searched = [np.concatenate(parts)] if algorithm.partitioned else parts
+    options = {"partitions": [len(index) for index in parts]} if algorithm.partitioned else {}
     return [
         algorithm.optimizer(
             make_space(index, np.where(skeleton.is_length[index], translation, rotation), seed, counter),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from body_parts import Part, hierarchical, holistic
 from person_skeleton import JOINTS, PARENT
 from synthetic import MODELS, NAMES, SKELETON, synthetic_body
 
@@ -11,7 +12,6 @@ from mmocap_warp.body.mesh_pieces import mesh_edges, split_mesh
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.pose_search import Part, hierarchical, holistic
 
 BODIES = sorted((ROOT / "bodies").glob("*.usdc"))
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

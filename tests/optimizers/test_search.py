@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
+from body_parts import hierarchical, holistic
 from synthetic import SKELETON, synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
@@ -12,7 +13,6 @@ from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.optimizers.pso import Pso
 from mmocap_warp.optimizers.search import Search, share_budget
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.pose_search import hierarchical, holistic
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 

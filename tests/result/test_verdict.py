@@ -158,6 +158,10 @@ def test_parts_in_doubt_are_named_with_their_frames():
     assert told["trusted"] == FRAMES - 1  # a partial frame is trusted if all that it lacks is a view
 
 
+def test_a_single_frame_is_one():
+    assert "in doubt: left arm in frame 13" in judged(joint_sigma=far(3), status=statuses("partial", [3]))["lines"]
+
+
 def test_frames_are_ranges_with_any_stride_and_parts_of_the_same_ranges_are_one_line():
     sigma = far(2, 3, 4, 8)
     sigma[..., SKELETON.index("RElbow"), :] = sigma[..., SKELETON.index("LElbow"), :]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
+from body_parts import hierarchical
 from person_skeleton import JOINTS
 from random_scenes import ODD_SIZES, indoor_rig, perfect_masks, random_masks, random_poses
 from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_body, synthetic_subject
@@ -12,7 +13,6 @@ from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_b
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.silhouettes import COSTS, RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
-from mmocap_warp.tracking.pose_search import hierarchical
 
 FLOAT32 = 1e-6
 OWN_BODY = 2e-3  # of a cost: a few pixels turn where vertices move by 1e-6 m

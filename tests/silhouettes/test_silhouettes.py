@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
+from body_parts import hierarchical
 from drawn import Drawing, cast_bits, counts_of, draw_bits, pictures_of
 from person_skeleton import PARENT
 from random_scenes import any_rig, indoor_rig, posed_vertices, random_masks, random_poses
@@ -23,7 +24,6 @@ from mmocap_warp.masks.observation import Observation
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
-from mmocap_warp.tracking.pose_search import hierarchical
 
 PEOPLE = 25  # bodies in a room, with six cameras each
 ROOMS = 40 if wp.config.mode != "debug" else 4  # 1,000 bodies; fewer where every index is checked, which takes long

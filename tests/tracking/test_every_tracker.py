@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from body_parts import hierarchical
 from random_scenes import perfect_masks
 from synthetic import SKELETON, synthetic_subject
 from tracked_motion import FPS, FRAMES, RIG, TRACKED, marker_errors, motion
@@ -17,7 +18,6 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.frame_loop import track_observations
-from mmocap_warp.tracking.pose_search import hierarchical
 from mmocap_warp.tracking.track_config import TrackConfig
 
 HIERARCHICAL = [name for name, algorithm in ALGORITHMS.items() if algorithm.hierarchical]

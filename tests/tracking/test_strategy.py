@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
+from body_parts import hierarchical, holistic
 from synthetic import MODELS, NAMES, SKELETON
-
-from mmocap_warp.tracking.pose_search import hierarchical, holistic
 
 DIMENSIONS = {39: [6, 9, 6, 6, 6, 6], 28: [6, 6, 4, 4, 4, 4], 51: [6, 9, 9, 9, 9, 9]}
 

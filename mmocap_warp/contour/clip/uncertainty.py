@@ -86,11 +86,7 @@ class Deviations:
         own = slice(first, first + window.final)
         kept = slice(max(own.stop - round(OVERLAP * self._problem.rate), 0), own.stop)
         self._before = rooted[kept], contour[kept]
-        return self._deviations(rooted[own], covariance[own])
-
-    def _deviations(self, rooted: RootedPoses, covariance: np.ndarray) -> Uncertainty:
-        """From the covariances (frame, dof, dof) of rooted coordinates."""
-        rooting = self._problem.rooting
+        rooted, covariance, rooting = rooted[own], covariance[own], self._problem.rooting
         pose = np.zeros_like(rooted.pose)
         pose[:, rooting.searched] = np.minimum(_sigma(rooting.leaving(rooted), covariance), rooting.anywhere)
         _, derivative = self._problem.points.linearised(rooted)

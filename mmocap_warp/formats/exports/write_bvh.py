@@ -37,7 +37,8 @@ def _hierarchy(tracks: Tracks, has_place: np.ndarray, joint: int, indent: str) -
     """The lines of a joint and of all that hangs on it, and the numbers of these joints in their order."""
     skeleton, skin = tracks.subject.body.skeleton, tracks.subject.body.skin
     parent, start = skeleton.parent[joint], tracks.bind[joint, :3, 3]
-    offset = start - (0 if parent < 0 else tracks.bind[parent, :3, 3])
+    # The root's channels hold its whole place: some programs add the offset to it, others put it in the offset's place.
+    offset = start - (start if parent < 0 else tracks.bind[parent, :3, 3])
     channels = f"6 {_POSITIONS} {_ROTATIONS}" if has_place[joint] else f"3 {_ROTATIONS}"
     lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {skeleton.joints[joint]}", "{", _offset(offset)]
     lines.append(f"  CHANNELS {channels}")

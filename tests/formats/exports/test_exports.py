@@ -230,6 +230,12 @@ def test_a_glb_is_sound(tmp_path: Path) -> None:
         assert (quaternion[1:] * quaternion[:-1]).sum(axis=1).min() > 0, "a program would interpolate the long way"
 
 
+def test_the_root_of_a_bvh_has_its_place_in_the_channels_alone(tmp_path: Path) -> None:
+    lines = written(tmp_path, synthetic_result(), ".bvh").read_text().splitlines()
+    assert lines[1].startswith("ROOT")
+    assert [float(word) for word in lines[3].split()[1:]] == [0.0, 0.0, 0.0]
+
+
 def test_angles_of_a_bvh_never_jump(tmp_path: Path) -> None:
     result = synthetic_result(frames=80, runs=1)
     turning = result.pose.copy()

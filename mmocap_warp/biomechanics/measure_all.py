@@ -13,6 +13,7 @@ from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor
 from mmocap_warp.body.joint_sets import JointSet
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.errors import UsageError
 from mmocap_warp.result.excerpt import before_smoothing
 from mmocap_warp.result.result import Result
 
@@ -115,12 +116,10 @@ def measure(
     joints, the lengths and the angles go by, None the body's own joints.
 
     Raises:
-        ValueError: no such run, or no track before it was smoothed.
+        ValueError: no such run (a UsageError), or no track before it was smoothed.
     """
     if run is not None and not 0 <= run < len(result.pose):
-        raise ValueError(f"run must be 0 to {len(result.pose) - 1}, got {run}")
-    if raw and result.raw_pose is None:
-        raise ValueError("raw must be False for a track that was not smoothed")
+        raise UsageError(f"--run must be 0 to {len(result.pose) - 1}, got {run}")
     track = before_smoothing(result) if raw else result
     chosen = range(len(track.pose)) if run is None else [run]
     held = _angles_not_searched(track, track.pose[chosen[0], 0])

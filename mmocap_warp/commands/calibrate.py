@@ -137,7 +137,7 @@ def sync(
     loaded = scene_from(scene, frames, calibrated=False)
     if loaded.calibration is not None and loaded.calibrated.placed:
         look_first(loaded, None, reporter or Reporter(), trust_cameras, to_be_mended=True)
-    with arguments_checked(), (reporter or Reporter()).stage("sync") as progress:
+    with (reporter or Reporter()).stage("sync") as progress:
         synchronisation = synchronise(loaded, progress, within)
     if write and synchronisation.sure:
         write_timing(loaded.path, synchronisation.timing(loaded))
@@ -289,17 +289,16 @@ def solve_cameras(
         force: replace files that exist.
 
     Raises:
-        UsageError: a height that is no person's, or a single camera.
+        UsageError: a height that is no person's.
         UnsolvableError: the recording does not determine the cameras.
-        InputError: anything wrong with the scene.
+        InputError: a single camera, or anything wrong with the scene.
     """
     from mmocap_warp.calibration.solve.solution import solve_cameras as solve
 
     loaded = scene_from(scene, frames, identity, calibrated=False)
     calibration = None if output is None else new_file(output, ".toml", force=force)
     image = None if picture is None else new_file(picture, ".png", force=force)
-    with arguments_checked():
-        result = solve(loaded, height)
+    result = solve(loaded, height)
     if calibration is not None:
         write_toml_rig(calibration, result.rig)
     if image is not None:

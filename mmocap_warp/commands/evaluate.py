@@ -9,7 +9,7 @@ from mmocap_warp.biomechanics.measure_all import Measures
 from mmocap_warp.biomechanics.measure_tables import write_tables
 from mmocap_warp.body.joint_sets import RIG, JointSet
 from mmocap_warp.body.joint_sets import joint_set as set_named
-from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
+from mmocap_warp.commands.caller import Reporter, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_plots import plot_angles, plot_feet
@@ -158,8 +158,7 @@ def measure(
     folder = None if output is None else new_folder(output, force=force)
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     start_warp()
-    with arguments_checked():
-        measures = measure_all.measure(tracked, run, raw, sex, points)
+    measures = measure_all.measure(tracked, run, raw, sex, points)
     return measures if folder is None else replace(measures, files=tuple(_write(folder, measures)))
 
 

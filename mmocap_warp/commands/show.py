@@ -366,5 +366,5 @@ def _chosen(result: Result, raw: bool, frames: Frames, fps: float | None, rig: s
     result = result.at(positions_of(result, frames))
     with arguments_checked():
         result = result if fps is None else at_rate(result, fps)
-        result = result if rig is None else with_rig(result, rig)
+    result = result if rig is None else with_rig(result, rig)
     return result if up is None else stood_up(result, f"+{up}")

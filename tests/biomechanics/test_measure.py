@@ -45,7 +45,7 @@ def test_all_runs_or_one_the_smoothed_track_or_the_raw_one(walk):
 def test_wrong_arguments(walk):
     with pytest.raises(ValueError, match="run must be 0 to 1, got 2"):
         measure(walk, run=2)
-    with pytest.raises(ValueError, match="raw must be False"):
+    with pytest.raises(ValueError, match="was not smoothed"):
         measure(synthetic_result(), raw=True)
 
 

@@ -224,7 +224,7 @@ def test_a_height_that_is_none(walk, height):
 
 def test_a_lone_camera(walk):
     scene = load_scene(walk, calibrated=False)
-    with pytest.raises(ValueError, match="two views"):
+    with pytest.raises(InputError, match="names one camera"):
         solve_cameras(replace(scene, cameras=scene.cameras[:1]), HEIGHT)
 
 

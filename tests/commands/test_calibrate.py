@@ -12,6 +12,8 @@ from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, changed
 from mmocap_warp.calibration.camera_check import BodyInView, CameraCheck, Finding
 from mmocap_warp.calibration.refine import refinement
 from mmocap_warp.calibration.refine.refinement import Overlaps
+from mmocap_warp.calibration.solve import solution
+from mmocap_warp.calibration.sync import synchronise
 from mmocap_warp.calibration.sync.lag_course import LagCourse
 from mmocap_warp.calibration.sync.synchronise import ViewOffset
 from mmocap_warp.scenes import ROOT
@@ -91,6 +93,19 @@ def test_wrong_settings_are_named_as_in_python(scene, arguments, message):
         mm.refine_cameras(scene, body=BODY, **arguments)
     with pytest.raises(TypeError, match="heigth"):
         mm.refine_cameras(scene, body=BODY, heigth=1.8)
+
+
+def test_only_wrong_arguments_are_told_as_such(scene, monkeypatch):
+    def singular(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("mmocap_warp.commands.calibrate.look_first", lambda *_, **__: None)
+    monkeypatch.setattr(synchronise, "synchronise", singular)
+    monkeypatch.setattr(solution, "solve_cameras", singular)
+    with pytest.raises(np.linalg.LinAlgError):
+        mm.sync(scene)
+    with pytest.raises(np.linalg.LinAlgError):
+        mm.solve_cameras(scene, 1.8)
 
 
 def test_a_rig_is_written_for_another_program(tmp_path):

@@ -18,7 +18,7 @@ from mmocap_warp.calibration.solve.level import head_and_foot_points, level_worl
 from mmocap_warp.calibration.solve.person_axis import PersonInViews, person_in_views
 from mmocap_warp.calibration.solve.tangents import MAX_MISS, Pinholes, solve_tangents
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.scene.recording import Scene
 
 _FRAMES = 100  # frames of the recording that are used, evenly spread
@@ -73,14 +73,14 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     shoes [m].
 
     Raises:
-        ValueError: a height that is no person's, or a single camera.
+        UsageError: a height that is no person's.
         UnsolvableError: the recording does not determine the cameras.
-        InputError: masks that turn out unreadable.
+        InputError: a single camera, or masks that turn out unreadable.
     """
     if not 0.5 < height < 2.6:
-        raise ValueError(f"height must be a person's in metres, got {height:g}")
+        raise UsageError(f"--height must be a person's in metres, got {height:g}")
     if len(scene.cameras) < 2:
-        raise ValueError("cameras are solved from two views at least; this scene has one")
+        raise InputError(scene.path, "names one camera, and solving needs two views at least", "name another camera")
     thinned, scale, person = _seen_person(scene)
     stature = _WALKING * height
     guessed, names = scene.calibration is None, scene.calibrated.names

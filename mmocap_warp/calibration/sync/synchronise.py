@@ -10,7 +10,7 @@ from mmocap_warp.calibration.sync.hull_agreement import HullOffsets, PackedMasks
 from mmocap_warp.calibration.sync.lag_course import MIN_STRETCHES, LagCourse, lag_course, margin, peak
 from mmocap_warp.calibration.sync.shared_motion import PairScores, common_offsets, pair_scores
 from mmocap_warp.calibration.sync.silhouette_motion import LIKE, SilhouetteMotion
-from mmocap_warp.errors import InputError, input_errors
+from mmocap_warp.errors import InputError, UsageError, input_errors
 from mmocap_warp.scene.recording import Scene
 
 _MAX_PIXELS = 320  # pixels of the masks' longer side
@@ -115,10 +115,10 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
 
     Raises:
         InputError: a single camera, or one that shows nobody.
-        ValueError: ``within`` is not in (0, 1000).
+        UsageError: ``within`` is not in (0, 1000).
     """
     if not 0 < within < 1000:
-        raise ValueError(f"within must be a time in seconds, got {within:g}")
+        raise UsageError(f"--within must be a time in seconds, got {within:g}")
     if len(scene.cameras) < 2:
         raise InputError(scene.path, "names one camera, and synchronising needs two", "name another camera")
     # Read all masks once, each camera's in its own frames.

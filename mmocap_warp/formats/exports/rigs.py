@@ -12,6 +12,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, joint_transforms
 from mmocap_warp.body.rotations import transposed
 from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.errors import UsageError
 from mmocap_warp.formats.exports.tables import steady_angles
 from mmocap_warp.result.result import Result
 
@@ -41,7 +42,7 @@ def with_rig(result: Result, rig: str) -> Result:
     attached stays so, under its own names.
 
     Raises:
-        ValueError: no such rig, or a body without a joint of it.
+        UsageError: no such rig, or a body without a joint of it.
     """
     subject, body = result.subject, result.subject.body
     # The body in the rig's rest pose, under the rig's names; joints' axes are the body's, and free.
@@ -95,16 +96,16 @@ def rig_names(body: BodyModel, rig: str) -> dict[str, str]:
     """A rig's name of each of a body's joints; what is attached keeps its own.
 
     Raises:
-        ValueError: no such rig, or a body without a joint of it.
+        UsageError: no such rig, or a body without a joint of it.
     """
     if rig not in RIGS:
-        raise ValueError(f"rig must be one of {list(RIGS)}, got {rig!r}")
+        raise UsageError(f"--rig must be one of {list(RIGS)}, got {rig!r}")
     names, attached = RIGS[rig].names, body.skeleton.attached
     missing = sorted(set(names) ^ (set(body.skeleton.joints) - set(attached)))
     if missing:
         more = f" and {len(missing) - _MAX_NAMED} more" if len(missing) > _MAX_NAMED else ""
         listed = f"{missing[:_MAX_NAMED]}{more}"
-        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {listed}")
+        raise UsageError(f"--rig = {rig} is a person's, whose joints differ from this body's by {listed}")
     return names | {name: name for name in attached}
 
 

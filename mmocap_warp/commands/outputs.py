@@ -78,6 +78,8 @@ def new_folder(path: str | Path, *, force: bool = False) -> Path:
     _check_place(path)
     if path.exists() and not path.is_dir():
         raise InputError(path, "is a file", "name a folder")
+    if path.is_dir() and not os.access(path, os.R_OK):
+        raise InputError(path, "cannot be read", "change its permissions, or write elsewhere")
     if path.is_dir() and any(file.name != FOLDER_LOCK for file in path.iterdir()) and not force:
         raise InputError(path, "holds files already", "give --force to write among them, or name another folder")
     path.mkdir(exist_ok=True)
@@ -87,13 +89,13 @@ def new_folder(path: str | Path, *, force: bool = False) -> Path:
 
 def _check_place(path: Path) -> None:
     """See that a file or folder can be written there, before any work: afterwards it would be in vain."""
-    folder = path.parent
+    folder = path if os.path.isdir(path) else path.parent
     if len(os.fsencode(native_path(path.name))) > MAX_NAME:  # unfinished and further files have longer names
         raise InputError(path, f"has a name of over {MAX_NAME} bytes", "give a shorter name")
     native_path(os.path.realpath(path))
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "make it first")
-    if not os.access(folder, os.W_OK):
+    if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError(folder, "cannot be written to", "change its permissions, or write elsewhere")
 
 

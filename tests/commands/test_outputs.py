@@ -60,6 +60,18 @@ def test_a_folder_that_another_process_writes_is_refused(tmp_path):
         new_folder(tmp_path / "out")
 
 
+def test_a_folder_that_is_there_is_judged_by_its_own_permissions(tmp_path, monkeypatch):
+    there, unreadable = tmp_path / "there", tmp_path / "unreadable"
+    there.mkdir(), unreadable.mkdir()
+    denied = {(tmp_path, os.W_OK | os.X_OK), (unreadable, os.R_OK)}
+    monkeypatch.setattr(os, "access", lambda path, mode: (path, mode) not in denied)
+    assert new_folder(there) == there
+    with pytest.raises(InputError, match="unreadable: cannot be read"):
+        new_folder(unreadable)
+    with pytest.raises(InputError, match="cannot be written to"):
+        new_folder(tmp_path / "new")
+
+
 def test_a_link_is_the_file_that_it_points_to(tmp_path):
     (tmp_path / "link.usdc").symlink_to("r.usdc")
     with claimed_elsewhere(tmp_path / "r.usdc"), pytest.raises(InputError, match="another mmocap"):

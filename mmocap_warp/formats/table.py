@@ -29,7 +29,8 @@ class Format:
     """An outside format."""
 
     name: str  # what people call it
-    suffixes: tuple[str, ...]  # endings of its files' names, in lower case; the case of a file's own does not matter
+    # Endings of its files' names, in lower case (the case of a file's own does not matter), or whole names.
+    suffixes: tuple[str, ...]
     function: str  # ``module:function`` within this package that reads or writes a file of it
     folder: str = ""  # what a folder that may stand for its files holds, as a pattern; empty where none may
     # Of an export: the vertical that the format prescribes, or that its readers assume; None where the file says it.
@@ -45,7 +46,8 @@ class Format:
         """Whether a file of this name, or this folder, has the format."""
         if os.path.isdir(path):
             return bool(self.folder) and any(path.glob(self.folder))
-        return path.name.lower().endswith(self.suffixes)
+        endings = tuple(each for each in self.suffixes if each.startswith("."))
+        return path.name in self.suffixes or path.name.lower().endswith(endings)
 
     def __str__(self) -> str:
         return f"{self.name} ({', '.join([*self.suffixes, *(['their folder'] if self.folder else [])])})"
@@ -70,7 +72,7 @@ CALIBRATIONS: tuple[Format, ...] = (
     Format("Qualisys", (".qca.txt",), "calibration.qualisys:read_qualisys"),
     Format(
         "OpenCV/EasyMocap YAML",
-        (".yml", ".yaml"),
+        ("intri.yml", "extri.yml"),
         "calibration.opencv_yaml:read_opencv_yaml",
         folder="*tri.yml",
         open_sizes=True,

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.table import CALIBRATIONS, EXPORTS, Format, export, read_calibration
+from mmocap_warp.formats.table import CALIBRATION_EXPORTS, CALIBRATIONS, EXPORTS, Format, export, read_calibration
 
 
 @pytest.mark.parametrize("format", CALIBRATIONS, ids=str)
@@ -31,6 +31,11 @@ def test_an_ending_names_one_format(formats: tuple[Format, ...]) -> None:
         for suffix in one.suffixes:
             assert suffix == suffix.lower()
             assert not other.matches(Path(f"name{suffix}"))
+
+
+@pytest.mark.parametrize("name", ["other.yml", "my_intri.yml", "old_cameras.txt"])
+def test_a_format_of_fixed_names_takes_no_other(name: str) -> None:
+    assert not any(format.matches(Path(name)) for format in (*CALIBRATIONS, *CALIBRATION_EXPORTS))
 
 
 def test_the_case_of_an_ending_does_not_matter() -> None:

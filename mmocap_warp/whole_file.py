@@ -2,14 +2,16 @@
 
 import hashlib
 import io
+import json
 import os
 import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 
 _RESERVED = re.compile(r'[<>:"/\\|?*]|^\.|[. ]$|^(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|$)|^$', re.IGNORECASE)
 MAX_NAME = 200
@@ -134,3 +136,13 @@ def read_text(
         return io.TextIOWrapper(io.BytesIO(data), encoding, errors).read()
     except ValueError as error:
         raise InputError(path, f"cannot be read as text ({error})", remedy) from None
+
+
+def read_json(path: str | Path, remedy: str, most: int = MAX_BYTES) -> dict[str, Any]:
+    """The JSON object that a file holds; errors are as :func:`read_text` has them, or it is none."""
+    text = read_text(path, remedy, missing=remedy, most=most)
+    with input_errors(path, "is not valid JSON ({error})", remedy, ValueError, RecursionError):
+        content = json.loads(text)
+    if not isinstance(content, dict):
+        raise InputError(path, "is not a JSON object", remedy)
+    return content

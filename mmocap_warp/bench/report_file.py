@@ -10,8 +10,8 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from mmocap_warp.bench.evaluations import EVALUATION
-from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.whole_file import write_whole
+from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import read_json, write_whole
 
 PEERS, ASK_AND_TELL, FUNCTION = "peers", "ask and tell beside peers", "a function beside peers"
 FRAME = "a frame"
@@ -170,10 +170,8 @@ def write_report(path: Path, report: dict[str, Any]) -> None:
 
 def read_report(path: Path) -> dict[str, Any]:
     """Read a report; an InputError if there is none, or of another version."""
-    remedy, kinds = "name a file that 'mmocap bench -o' wrote", (OSError, ValueError, RecursionError)
-    with input_errors(path, "cannot be read ({error})", remedy, *kinds):
-        report = json.loads(path.read_text(encoding="utf-8"))
-    if not isinstance(report, dict) or report.get("format") != FORMAT:
+    report = read_json(path, "name a file that 'mmocap bench -o' wrote")
+    if report.get("format") != FORMAT:
         raise InputError(path, "is no report of this version", "write one with 'mmocap bench -o'")
     return report
 

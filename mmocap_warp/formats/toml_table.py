@@ -56,6 +56,11 @@ def quoted(text: str) -> str:
     return '"' + "".join(escaped.get(c, c) if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'
 
 
+def visible(text: str) -> str:
+    """Text for a comment, all on one line: what cannot be seen is a blank."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
 def quoted_path(path: Path, folder: Path) -> str:
     """A path as a TOML string, for a file in ``folder``: from there, with slashes; an InputError if it is not UTF-8."""
     return quoted(Path(native_path(os.path.relpath(path.resolve(), folder.resolve()))).as_posix())
@@ -172,8 +177,8 @@ class Table:
         if not self._values:
             return
         key = next(iter(self._values))
-        near = difflib.get_close_matches(key, self._known, 1, 0.4)
-        remedy = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(dict.fromkeys(self._known))}"
+        near, known = difflib.get_close_matches(key, self._known, 1, 0.4), ", ".join(dict.fromkeys(self._known))
+        remedy = f"did you mean '{near[0]}'?" if near else f"known keys: {known}" if known else "take it out"
         raise self.error(f"unknown key '{key}'", remedy)
 
 

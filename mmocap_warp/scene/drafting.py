@@ -12,7 +12,7 @@ import numpy as np
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
-from mmocap_warp.formats.toml_table import quoted, quoted_path
+from mmocap_warp.formats.toml_table import quoted, quoted_path, visible
 from mmocap_warp.masks.frames import Frames, VideoFile, as_colour, open_frames
 from mmocap_warp.scene import folder_search as search
 from mmocap_warp.scene.camera_tables import RATE_TOLERANCE
@@ -167,10 +167,9 @@ def _one_take(folder: Path, files: list[Medium], names: tuple[str, ...]) -> Take
 
 
 def _head(draft: Draft, folder: Path) -> list[str]:
-    name = "".join(c if c.isprintable() else "?" for c in folder.resolve().name)
     of = f", a project of {draft.project}" if draft.project else ""
     return [
-        f"# {name}{of}. Drafted by mmocap init: read it, and correct what is wrong.",
+        f"# {visible(folder.resolve().name)}{of}. Drafted by mmocap init: read it, and correct what is wrong.",
         "# Paths count from this file's folder. docs/scene.md explains every key.",
     ]
 

@@ -42,12 +42,7 @@ def recorded(
 
     The cameras stand evenly around it, with images of a ``size`` of width and height [px]. Their masks have the faults
     of real ones if they are to be ``faulty``, by chance that begins with ``seed``.
-
-    Raises:
-        ValueError: no camera, or images of no size.
     """
-    if cameras < 1 or min(size) < 1:
-        raise ValueError(f"cameras must be at least 1 and images at least 1 x 1, got {cameras} and {size}")
     base, poses = upright_base("+z"), motion.pose.copy()
     poses[:, :3] = poses[:, :3] @ base.T
     poser = ExactPoser(body, base)
@@ -99,7 +94,7 @@ def write_recorded(
         recording,
         recording.truth(),
         name=folder.resolve().name,
-        about=f"{body.name}, made up with known truth. {body.attribution}".replace("\n", " "),
+        about=f"{body.name}, made up with known truth. {body.attribution}",
         foreground=_FOREGROUND if faulty else _PERFECT,
         subject=Subject(body, recording.root_base, recording.poses[0], {}),
         body=file,

@@ -11,6 +11,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import input_errors
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import write_png
+from mmocap_warp.formats.toml_table import quoted, visible
 from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.result.truth import Truth
@@ -19,7 +20,7 @@ from mmocap_warp.whole_file import file_name, write_whole
 _SCENE = """\
 # {about}
 [scene]
-name = "{name}"
+name = {name}
 fps = {fps:g}
 up = "{up}"
 {starts}{truth}
@@ -103,8 +104,8 @@ def write_made_scene(
         named["body"] = f"body{body.suffix}"
         write_whole(folder / named["body"], body.read_bytes())
     text = _SCENE.format(
-        about=about,
-        name=name,
+        about=visible(about),
+        name=quoted(name),
         fps=footage.fps,
         up=footage.rig.up,
         truth="" if truth is None else '\n[truth]\nfile = "truth.usdc"\n',

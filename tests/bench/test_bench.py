@@ -243,7 +243,7 @@ def test_the_command_writes_a_report_and_compares(monkeypatch, report, tmp_path,
     [
         (["--threads", "0"], console.USAGE, "--threads must be at least 1"),
         (["--device", "cuda:99"], console.USAGE, "--device must be auto or one of"),
-        (["--compare", "absent.json"], console.BAD_INPUT, "absent.json: cannot be read"),
+        (["--compare", "absent.json"], console.BAD_INPUT, "absent.json: no such file"),
         (["-o", "report.txt"], console.BAD_INPUT, "end it in .json"),
     ],
 )

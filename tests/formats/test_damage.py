@@ -11,7 +11,7 @@ from synthetic import ring_rig
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.opencv_yaml import read_opencv_yaml
-from mmocap_warp.formats.toml_table import load_toml
+from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.formats.truth_file import read_truth, write_truth
 from mmocap_warp.result.truth import Truth
 
@@ -33,6 +33,11 @@ def test_toml_beyond_all_bounds(tmp_path, text, problem):
     (tmp_path / "a.toml").write_text(text)
     with pytest.raises(InputError, match=problem):
         load_toml(tmp_path / "a.toml")
+
+
+def test_a_key_where_none_is_known_is_to_be_taken_out():
+    with pytest.raises(InputError, match="unknown key 'a'; take it out"):
+        Table({"a": 1}, "scene.toml", "").finish()
 
 
 @pytest.mark.parametrize(

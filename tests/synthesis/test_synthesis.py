@@ -27,6 +27,7 @@ from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.synthesis.exact_posing import led_by
 from mmocap_warp.synthesis.footage.faults import Faults, draw_silhouettes, spoil
 from mmocap_warp.synthesis.motion.limb_motion import Leg
+from mmocap_warp.synthesis.writing import FAULTY_MASKS, write_made_scene
 
 MOST_SLIDE = 1e-3  # [m] between two frames, of the point that a foot stands on
 FLOOR = 1e-4  # [m]
@@ -257,6 +258,11 @@ def test_writing_twice_gives_the_same_bytes(tmp_path):
     assert len(names) == 3 * 5 + 2
     for name in names:
         assert (first / name).read_bytes() == (second / name).read_bytes()
+
+
+def test_any_name_and_words_about_it_are_written_as_toml(tmp_path):
+    said = {"name": 'a "b"\\', "about": "by\nsomebody", "foreground": FAULTY_MASKS}
+    assert load_scene(write_made_scene(tmp_path, walking(frames=1), None, **said)).name == said["name"]
 
 
 def test_another_seed_gives_other_faults(recording):

@@ -4,7 +4,6 @@ A pose is world to camera, and the world is that of a master camera; ``a_to_b`` 
 fisheye is known by its four coefficients, one a row, as OpenCV gives them. Lengths are in the unit of the boards.
 """
 
-import json
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
-from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.formats.calibration.calibration_text import Sizes, read_short_text, stated_metres
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES, Sizes, stated_metres
 from mmocap_warp.formats.toml_table import is_number
+from mmocap_warp.whole_file import read_json
 
 _REMEDY = "give the calibration.json that multical calibrate writes"
 _TO = "_to_"
@@ -23,7 +23,7 @@ _FISHEYE, _MAX_COEFFICIENTS = 4, 14
 
 def read_multical(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
     """Read a calibration. ``sizes`` is not needed."""
-    file = _load(path)
+    file = read_json(path, _REMEDY, MOST_BYTES)
     if not {"cameras", "camera_poses"} <= set(file):
         raise InputError(path, "has no 'cameras' and 'camera_poses', by which MultiCal's calibration is known", _REMEDY)
     lenses = _check_object(file["cameras"], "cameras", path)
@@ -40,17 +40,11 @@ def read_multical(path: str | Path, units: str | None = None, up: str = "+z", si
 
 def read_multical_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
     """Read MultiCal's ``intrinsic.json``: cameras at the origin, or None for a file that has ``camera_poses``."""
-    file = _load(path)
+    file = read_json(path, _REMEDY, MOST_BYTES)
     if "camera_poses" in file or "cameras" not in file:
         return None
     lenses = _check_object(file["cameras"], "cameras", path)
     return rig_of([_read_lens(lens, name, path) for name, lens in lenses.items()], up, path, placed=False)
-
-
-def _load(path: str | Path) -> dict[str, Any]:
-    text = read_short_text(path, "a JSON file")
-    with input_errors(path, "is not valid JSON: {error}", _REMEDY, ValueError, RecursionError):
-        return _check_object(json.loads(text), "the file", path)
 
 
 def _read_lens(lens: Any, name: str, path: str | Path) -> Camera:

@@ -1,7 +1,6 @@
 """A recording of a data set that becomes a scene, and what the readers of data sets share."""
 
 import io
-import json
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.sandbox import sandboxed
-from mmocap_warp.formats.toml_table import quoted
+from mmocap_warp.formats.toml_table import quoted, visible
 from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.masks.frames import VideoFile, natural_order, open_video
 from mmocap_warp.result.truth import Truth
@@ -91,7 +90,7 @@ class DatasetScene:
         return folder / "scene.toml"
 
     def _text(self) -> str:
-        lines = [f"# {line}" for line in self.about]
+        lines = [f"# {visible(line)}" for line in self.about]
         lines += ["[scene]", f"name = {quoted(self.name)}", f"fps = {self.fps:g}", f'up = "{self.rig.up}"']
         lines += [f"frames = {self.frames}", ""]
         lines += ["[truth]", 'file = "truth.usdc"', ""] if self.truth is not None else []
@@ -136,16 +135,6 @@ def finite(value: object, shape: tuple[int, ...], where: str, what: str) -> np.n
     if not (np.abs(array) < _MAX_NUMBER).all():
         raise InputError(where, f"{what} holds a number that is not finite or over {_MAX_NUMBER:g}", REMEDY)
     return array
-
-
-def read_json(path: Path, most: int) -> dict[str, Any]:
-    """A file of at most so many bytes that holds one JSON object."""
-    text = read_text(path, REMEDY, missing=REMEDY, most=most)
-    with input_errors(path, "is not valid JSON ({error})", REMEDY, ValueError, RecursionError):
-        content = json.loads(text)
-    if not isinstance(content, dict):
-        raise InputError(path, "is not a JSON object", REMEDY)
-    return content
 
 
 @sandboxed

@@ -20,7 +20,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.datasets import dataset_scene
 from mmocap_warp.formats.datasets.dataset_scene import REMEDY, CameraFiles, DatasetScene
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.whole_file import file_name
+from mmocap_warp.whole_file import file_name, read_json
 
 _CENTIMETRE = 0.01
 _JOINTS = (
@@ -51,7 +51,7 @@ def read_panoptic(root: Path, person: str = "") -> DatasetScene:
 
 def _read_rig(path: Path, videos: dict[str, Path]) -> tuple[CameraRig, list[Path]]:
     """The HD cameras that have a video, and these videos."""
-    content = dataset_scene.read_json(path, _MAX_CALIBRATION).get("cameras")
+    content = read_json(path, REMEDY, _MAX_CALIBRATION).get("cameras")
     cameras: list[Camera] = []
     for number, values in enumerate(content if isinstance(content, list) else []):
         where = f"{path}: cameras[{number}]"
@@ -83,7 +83,7 @@ def _read_truth(folder: Path, person: str, fps: float, frames: int) -> tuple[Tru
         digits = file.stem.rpartition("_")[2]
         if not digits.isdecimal() or int(digits) >= frames:
             continue
-        people = dataset_scene.read_json(file, _MAX_POSES).get("bodies")
+        people = read_json(file, REMEDY, _MAX_POSES).get("bodies")
         for number, body in enumerate(people if isinstance(people, list) else []):
             where = f"{file}: bodies[{number}]"
             if not isinstance(body, dict):

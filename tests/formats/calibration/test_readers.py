@@ -225,8 +225,8 @@ WRONG = {
     "points missing": ("images.txt", lambda text: text.replace("\n\n", "\n"), r"image|camera"),
     "no images": ("images.txt", lambda text: "# none\n", r"no camera found"),
     "a word": ("cameras.txt", replaced(" 640 ", " wide "), r"could not convert string to float: 'wide'"),
-    "no JSON": ("m.json", lambda text: text[:-9], r"is not valid JSON: "),
-    "other JSON": ("m.json", lambda text: "[1]", r"the file is not a JSON object"),
+    "no JSON": ("m.json", lambda text: text[:-9], r"is not valid JSON \("),
+    "other JSON": ("m.json", lambda text: "[1]", r"m\.json: is not a JSON object"),
     "other object": ("m.json", lambda text: "{}", r"has no 'cameras' and 'camera_poses', by which MultiCal's"),
     "no unit of MultiCal": ("m.json", replaced("", ""), r"does not state the unit of its lengths"),
     "camera without a pose": (
@@ -258,7 +258,7 @@ WRONG = {
     "unknown key": ("c.toml", replaced("grid_count", "grids"), r"\[cameras\.1\]: unknown key 'grids'"),
     "K in another order": ("c.toml", replaced("[0.0, 0.0, 1.0]]", "[0.0, 0.0, 2.0]]"), r"K is not \[\[fx, 0, cx\]"),
     "huge": ("c.toml", lambda text: text + "#" * 2**22, r"has over 4 MB; give a TOML text file"),
-    "huge JSON": ("m.json", lambda text: text + " " * 2**20, r"has over 1 MB; give a JSON file"),
+    "huge JSON": ("m.json", lambda text: text + " " * 2**20, r"has over 1 MB; give the calibration.json"),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -115,6 +116,12 @@ def test_panoptic(tmp_path, capsys):
     np.testing.assert_allclose(truth.joints[trusted], JOINTS[1:, :, :3][trusted] / 100, atol=METRE)
     assert np.isnan(truth.joints[~trusted]).all()
     assert [truth.joint_names[i] for i in (0, 2, 5, 14)] == ["Neck", "Root", "LWrist", "RAnkle"]
+
+
+def test_words_about_a_recording_stay_in_their_comment(tmp_path):
+    write_panoptic(tmp_path / "made")
+    scene = mm.import_dataset("panoptic", tmp_path / "made", [], tmp_path / "scene")
+    assert mm.load_scene(replace(scene, about=("a\nb",)).write(tmp_path / "scene")).name == "made"
 
 
 @pytest.mark.parametrize(

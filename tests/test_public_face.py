@@ -65,6 +65,9 @@ def test_the_settings_are_the_callers_then_the_scenes(walk):
         mm.track(walk, subject, evaluation=30)
     with pytest.raises(mm.InputError, match=r"scene.toml: \[fit\]: headings must be at least 1"):
         mm.fit(walk, made.body)
+    for wrong in ({"threads": 0}, {"seed": -1}):
+        with pytest.raises(ValueError, match=f"{next(iter(wrong))} must be"):
+            mm.FitConfig(**wrong)
     with pytest.raises(ValueError, match="finalists must be at least 1"):
         mm.fit(walk, made.body, mm.FitConfig(), finalists=0)
 

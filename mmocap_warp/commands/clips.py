@@ -6,8 +6,9 @@ from pathlib import Path
 from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.errors import UsageError
-from mmocap_warp.study.degradations import NONE, parse, write_people, write_sequence
+from mmocap_warp.study.degradations import NONE, degraded, write_people, write_sequence
 from mmocap_warp.study.sequences import CLIPS, SEQUENCES, clip_sequence
+from mmocap_warp.study.source import open_sequence
 
 
 @releases_locks
@@ -55,8 +56,13 @@ def make_sequences(
         raise UsageError("--clip needs one --sequence, whose person and cameras it takes")
     if clip is not None and sequences[0] not in SEQUENCES:
         raise UsageError(f"--clip needs a --sequence of {', '.join(SEQUENCES)}, got {sequences[0]}")
+    if seed < 0:
+        raise UsageError(f"--seed must be at least 0, got {seed}")
+    given, chosen = CLIPS if clip is None else {sequences[0]: clip_sequence(sequences[0], clip)}, {}
     try:
-        parse(degrade)
+        for name in sequences or tuple(SEQUENCES):
+            chosen[name] = given[name].first(min(frames or given[name].frame_count, given[name].frame_count))
+            degraded(open_sequence(chosen[name]), degrade, seed)  # refused before anything is written
     except ValueError as error:
         raise UsageError(f"--degrade: {error}") from None
     people = {name.split("/")[0] for name in sequences}
@@ -71,12 +77,7 @@ def make_sequences(
         with (reporter or Reporter()).stage("make people") as progress:
             return {" and ".join(sequences): write_people(folder, of_people, apart, progress)}
     scenes = {}
-    for name in sequences or tuple(SEQUENCES):
-        made = CLIPS[name] if clip is None else clip_sequence(name, clip)
-        made = made.first(min(frames or made.frame_count, made.frame_count))
+    for name, made in chosen.items():
         with (reporter or Reporter()).stage(f"make {name}") as progress:
-            try:
-                scenes[name] = write_sequence(folder / name, made, progress, degradation=degrade, seed=seed)
-            except ValueError as error:
-                raise UsageError(f"--degrade: {error}") from None
+            scenes[name] = write_sequence(folder / name, made, progress, degradation=degrade, seed=seed)
     return scenes

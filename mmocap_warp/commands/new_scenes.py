@@ -91,7 +91,7 @@ def synthesize(
         reporter: receives progress.
 
     Raises:
-        UsageError: no camera, or images of no size.
+        UsageError: no camera, images of no size, or a negative seed.
         InputError: a body without such a motion, or a folder that cannot be written to.
     """
     file = body_file(str(body))
@@ -102,6 +102,8 @@ def synthesize(
     chosen = motion_named(name, motions, file)
     if cameras < 1 or min(size) < 1:
         raise UsageError(f"--cameras and --size must be at least 1, got {cameras} and {size[0]} {size[1]}")
+    if seed < 0:
+        raise UsageError(f"--seed must be at least 0, got {seed}")
     folder = new_folder(output, force=force)
     recording = recorded(read, chosen, cameras, size=size, faulty=not perfect, seed=seed)
     with (reporter or Reporter()).stage("synth") as progress:

@@ -37,6 +37,8 @@ class FitConfig:
     def __post_init__(self) -> None:
         if self.scale is not None and not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        for name in ("headings", "evaluations", "finalists", "frames"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        for name in ("headings", "evaluations", "finalists", "frames", "threads"):
+            if (value := getattr(self, name)) is not None and value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}")
+        if not 0 <= self.seed < 2**31:
+            raise ValueError(f"seed must be in 0 .. 2^31 - 1, got {self.seed}")

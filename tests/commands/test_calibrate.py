@@ -86,6 +86,8 @@ def test_what_disagrees_is_said_in_a_line_and_drawn(scene, tmp_path, monkeypatch
         ({"rotation": -1.0}, r"^rotation must be finite and not negative"),
         ({"scale": 2.0}, r"^scale must be in"),
         ({"device": "cuda:99"}, r"^device must be"),
+        ({"seed": -1}, r"^seed must be in 0"),
+        ({"threads": 0}, r"^threads must be at least 1, got 0"),
     ],
 )
 def test_wrong_settings_are_named_as_in_python(scene, arguments, message):

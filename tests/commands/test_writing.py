@@ -40,6 +40,9 @@ def test_limits_are_learnt_from_motions(tmp_path):
         (lambda folder: mm.synthesize("hand", folder / "a", cameras=0), r"^cameras and size must be at least 1, got 0"),
         (lambda folder: mm.make_sequences(folder / "a", ["S9/Fly"]), r"^sequence S9/Fly is not one of S1/Walking"),
         (lambda folder: mm.make_sequences(folder / "a", degrade="worse"), r"^degrade: "),
+        (lambda folder: mm.make_sequences(folder / "a", ["S1/Box"], frames=2, degrade="views=9"), r"^degrade: views"),
+        (lambda folder: mm.make_sequences(folder / "a", ["S1/Box"], seed=-1), r"^seed must be at least 0, got -1"),
+        (lambda folder: mm.synthesize("hand", folder / "a", seed=-1), r"^seed must be at least 0, got -1"),
         (lambda folder: mm.run_study("none.toml", engine="cloud"), r"none.toml"),
         (lambda folder: mm.benchmark(threads=0), r"^threads must be at least 1"),
         (

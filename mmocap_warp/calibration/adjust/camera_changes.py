@@ -89,9 +89,11 @@ class AdjustConfig:
     )
 
     def __post_init__(self) -> None:
-        for name in ("frames", "judges"):
-            if getattr(self, name) < 2:
-                raise ValueError(f"{name} must be at least 2, got {getattr(self, name)}")
+        for name, least in (("frames", 2), ("judges", 2), ("threads", 1)):
+            if (value := getattr(self, name)) is not None and value < least:
+                raise ValueError(f"{name} must be at least {least}, got {value}")
+        if not 0 <= self.seed < 2**31:
+            raise ValueError(f"seed must be in 0 .. 2^31 - 1, got {self.seed}")
         if self.scale is not None and not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
         for name, metres in (("height", self.height), ("distance", self.distance and self.distance[2])):

@@ -125,13 +125,16 @@ class JobsProgress(_Display, Reporter):
         return Live(console=console, transient=True, refresh_per_second=2, redirect_stdout=False)
 
     def note(self, line: str) -> None:
+        """Write a line that stays, unless all is to be quiet."""
+        if not self._quiet:
+            self.warn(line)
+
+    def warn(self, line: str) -> None:
         """Write a line that stays."""
         if self._live is not None:
             self._live.console.print(Text(line))
         else:
             print(line, file=self._stream, flush=True)
-
-    warn = note
 
     def show(self, status: Status) -> None:
         """Show where the run stands."""

@@ -193,6 +193,14 @@ def test_a_terminal_shows_a_table_of_workers(monkeypatch):
         assert part in shown
 
 
+def test_a_quiet_run_tells_what_is_wrong_alone():
+    stream = io.StringIO()
+    with JobsProgress("tiny", quiet=True, stream=stream) as progress:
+        progress.note("a hint")
+        progress.warn("a worker died")
+    assert stream.getvalue() == "a worker died\n"
+
+
 def test_elsewhere_lines_come_now_and_then(study):
     stream = io.StringIO()
     with JobsProgress("tiny", stream=stream) as progress:

@@ -213,9 +213,8 @@ def write_timing(path: Path, timing: Mapping[str, Mapping[str, float]]) -> None:
             camera = _camera_of(header["name"])
             lines.append(line)
             if camera in timing:
-                end = "\r\n" if line.endswith("\r\n") else "\n"
-                lines[-1] = line if line.endswith(end) else line + end
-                lines += [f"{key} = {value!r}{end}" for key, value in timing[camera].items() if value]
+                lines[-1] = line if line.endswith("\n") else f"{line}\n"
+                lines += [f"{key} = {value!r}\n" for key, value in timing[camera].items() if value]
         elif camera not in timing or not (_OFFSET.match(line) or ("fps" in timing[camera] and _FPS.match(line))):
             lines.append(line)
     # The text is only written if a reader finds in it what was there, and the new times.
@@ -231,7 +230,8 @@ def write_timing(path: Path, timing: Mapping[str, Mapping[str, float]]) -> None:
         is_expected = False
     if not is_expected:
         raise InputError(path, "is written in a way that cannot be changed safely", "put the lines there by hand")
-    write_whole(path, changed.encode())
+    end = "\r\n" if b"\r\n" in path.read_bytes() else "\n"  # reading took either for \n
+    write_whole(path, changed.replace("\n", end).encode())
 
 
 def _camera_of(header: str) -> str:

@@ -297,6 +297,13 @@ def test_inline_tables_are_not_touched(tmp_path: Path) -> None:
     assert file.read_text() == '[cameras."my cam"]\noffset = 0.1\n'
 
 
+def test_line_ends_stay(tmp_path: Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_bytes(b"[cameras.cam] # mine\r\nmasks = 'm'\r\n")
+    write_timing(file, {"cam": {"offset": 0.1}})
+    assert file.read_bytes() == b"[cameras.cam] # mine\r\noffset = 0.1\r\nmasks = 'm'\r\n"
+
+
 def test_a_jump_a_slope_and_chance_are_told_apart() -> None:
     frames = np.arange(25, 300, 50)
     scatter = np.array([0.3, -0.2, 0.1, -0.3, 0.2, 0.0])

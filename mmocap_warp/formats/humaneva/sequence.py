@@ -210,13 +210,8 @@ def nearest_background(recording: Frames, clips: Sequence[Frames]) -> int:
     """The clip whose room looks most like the recording's start.
 
     HumanEva filmed the empty room at three times of a week. Light and things in the room changed meanwhile, so the
-    clip nearest in time fits best, and the whole image says which that is.
-
-    Raises:
-        ValueError: a clip of another size than the recording.
+    clip nearest in time fits best, and the whole image says which that is. Clips have the recording's size.
     """
-    if any(clip.size != recording.size for clip in clips):
-        raise ValueError("background clips must have the recording's size")
     samples = (map(as_colour, frames.sample(_SAMPLES)) for frames in (recording, *clips))
     room, *rooms = (np.median(list(images), axis=0) for images in samples)
     return int(np.argmin([np.minimum(np.abs(clip - room), _OUTLIER).mean() for clip in rooms]))

@@ -22,7 +22,6 @@ from mmocap_warp.formats.humaneva.sequence import (
     CAMERAS,
     FIRST_FRAME,
     SEQUENCES,
-    nearest_background,
     read_humaneva,
 )
 from mmocap_warp.formats.humaneva.vicon_points import MARKERS
@@ -172,13 +171,6 @@ def test_the_background_clip_is_the_one_that_looks_like_the_recording(scene):
     assert {source.background.path.name for source in scene.cameras} == {
         f"Background_2_({name}).avi" for name in CAMERAS
     }
-
-
-def test_background_clips_must_have_the_recordings_size(sequence):
-    first = sequence.cameras[0]
-    smaller = replace(open_video(first.background), size=(80, 60))
-    with pytest.raises(ValueError, match="size"):
-        nearest_background(open_video(first.video), [smaller])
 
 
 def offsets(scene: DatasetScene) -> list[int]:

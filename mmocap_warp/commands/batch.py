@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, make_dataclass
 from fnmatch import fnmatch
 from html import escape
 from itertools import cycle, islice
@@ -34,7 +34,7 @@ from mmocap_warp.display.result_video import overlay
 from mmocap_warp.errors import InputError, UsageError, input_errors
 from mmocap_warp.fitting.fit_config import KNOWN, FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
-from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.formats.toml_table import Table, config_from_table, load_toml
 from mmocap_warp.formats.usd.usd_body import write_body, write_subject
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.jobs.engine import Advance, Refusal
@@ -46,24 +46,24 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.source import file_hash, recording_facts
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.version import __version__
-from mmocap_warp.whole_file import file_name, read_text, write_whole
+from mmocap_warp.whole_file import file_name, read_json, read_text, write_whole
 
 STEPS = ("mask", "fit", "track", "eval", "view")
 """The steps, in their order; before view there may be ``export:ENDING``."""
 
 _FITTED = 3  # trials of a person that are fitted, and give the body together
-_FAILED = 2.0  # times as much as the best of these a fit costs that has gone wrong: sound ones cost up to 1.75
-_COSTLY = 0.07  # a known body that costs more is found with all: sound ones cost .04 to .06, with legs exchanged .095
-_SETTINGS = {"mask": {"scale", "consistent", "with_"}} | {
-    kind: {each.name for each in fields(config)} - {"device", "threads"}
-    for kind, config in (("fit", FitConfig), ("track", TrackConfig))
-}
+_FAILED = 2.0  # a fit that costs over this many times the best of these has gone wrong; sound ones cost up to 1.75
+_COSTLY = 0.07  # a known body that costs more is searched with all means: sound ones .04 to .06, exchanged legs .095
 _COLUMNS = {"frames": "", "mean_iou": ".3f", "worst_iou": ".3f", "trusted": ".0%", "mpjpe_mm": ".1f"}
 _COLUMNS |= {"marker_error_mm": ".1f"}  # of the page, with their formats
 _FIGURES = [name for name in _COLUMNS if name not in ("frames", "trusted")]  # of an evaluation
 _MPS = Path(os.environ.get("CUDA_MPS_PIPE_DIRECTORY", "/tmp/nvidia-mps"), "nvidia-cuda-mps-control.pid")  # if it runs
-_MANY = 64  # scenes that are not read one after the other
+_MANY = 64  # of more scenes than this, several are read at once
 _THUMBNAIL = 320  # longer side [px]
+
+_MASK = make_dataclass("_MASK", [("scale", float, 1.0), ("consistent", bool, False), ("with_", str, "")])
+_CONFIGS: dict[str, Any] = {"mask": _MASK, "fit": FitConfig, "track": TrackConfig}
+_SETTINGS = {kind: {each.name for each in fields(of)} - {"device", "threads"} for kind, of in _CONFIGS.items()}
 
 Settings = dict[str, dict[str, Any]]
 """Of the commands ``mask``, ``fit`` and ``track``."""
@@ -92,8 +92,7 @@ class TrialTask(Task):
 
     def check(self) -> dict[str, Any]:
         """What was done; an InputError if that is damaged."""
-        with input_errors(self.path, "is damaged ({error})", "run the batch again", ValueError):
-            return dict(json.loads(read_text(self.path, "run the batch again")))
+        return read_json(self.path, "run the batch again")
 
     def store(self, result: dict[str, Any]) -> None:
         """See :class:`~mmocap_warp.jobs.job_run.Task`."""
@@ -264,9 +263,9 @@ def batch(
         device = ",".join(islice(cycle(own), workers))
         threads = threads or max(1, available_threads() // workers)
     kind, start = engine_of(TrialWorker, engine, device, threads, address, workers, gpus)
+    people, trials, failures = _planned(files, folder, chosen, rules, str(plan), kind)
     folder.mkdir(parents=True, exist_ok=True)
     lock(folder)
-    people, trials, failures = _planned(files, folder, chosen, rules, kind)
     for pattern in [rule[0] for rule in rules if not any(fnmatch(name, rule[0]) for name in files)]:
         reporter.warn(f"{plan}: no scene matches '{pattern}'; the first is called '{next(iter(files))}'")
     for name, problem in failures.items():
@@ -308,7 +307,8 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
     files = [file if file.suffix == ".toml" else file / "scene.toml" for file in given]
     if not files:
         raise InputError(source, "names no scene", "write a scene.toml for each recording, as 'mmocap init' does")
-    folders = [file.resolve().parent for file in files]
+    with input_errors(source, "names no file ({error})", "name a scene in each line", ValueError):
+        folders = [file.resolve().parent for file in files]
     root = commonpath([folder.parent for folder in folders] + [source.resolve()] * source.is_dir())
     named = {folder.relative_to(root).as_posix(): file for folder, file in zip(folders, files, strict=True)}
     if len(named) < len(files) or not all(map({*folders}.isdisjoint, (folder.parents for folder in folders))):
@@ -319,8 +319,7 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
 def _rules(file: Path) -> list[Rule]:
     """Patterns of names, whose recordings these are, and their settings; later ones win."""
     table, rules = load_toml(file), []
-    every = [Table(values, str(file), f"scenes {n}") for n, values in enumerate(table.take("scenes", list, []), 1)]
-    for part in (table, *every):
+    for part in (table, *table.take_list("scenes")):
         pattern, person = ("*", None) if part is table else (part.take("match", str), part.take("person", str, None))
         parts = {kind: part.take_table(kind) for kind in _SETTINGS}
         part.finish()
@@ -335,15 +334,17 @@ def _rules(file: Path) -> list[Rule]:
 
 
 def _planned(
-    files: dict[str, Path], folder: Path, steps: tuple[str, ...], rules: list[Rule], device_kind: str
+    files: dict[str, Path], folder: Path, steps: tuple[str, ...], rules: list[Rule], plan: str, device_kind: str
 ) -> tuple[list[TrialTask], list[TrialTask], dict[str, str]]:
-    """Tasks of persons and of recordings, and why other recordings cannot even be read."""
+    """Tasks of persons and of recordings, and why other recordings cannot be read; an InputError for a wrong plan."""
     known: dict[str, tuple[str | None, Settings, dict[str, Any]]] = {}
     failures: dict[str, str] = {}
     for name, found in zip(files, _facts_of([*files.values()]), strict=True):
         of = [rule for rule in rules if fnmatch(name, rule[0])]
         person = next((whose for _, whose, _ in reversed(of) if whose), None)
         settings = {kind: {k: v for _, _, each in of for k, v in each[kind].items()} for kind in _SETTINGS}
+        for kind, config in _CONFIGS.items():
+            config_from_table(config, Table(settings[kind], plan, kind))
         if isinstance(found, str):
             failures[name] = found
         else:

@@ -37,12 +37,8 @@ class Attachment:
 
 def take_attachments(file: Table, folder: Path) -> tuple[Attachment, ...]:
     """The ``[[attach]]`` tables of a file, whose paths count from ``folder``."""
-    values = file.take("attach", list, [])
-    if not all(isinstance(each, dict) for each in values):
-        raise file.error("attach is not a list of tables", "write [[attach]] before each thing")
     things: dict[str, Attachment] = {}
-    for number, each in enumerate(values, 1):
-        table = Table(each, file.source, f"attach {number}")
+    for table in file.take_list("attach"):
         thing = _take_attachment(table, folder)
         if thing.name in things:
             raise table.error(f"there are two things named '{thing.name}'", "name each differently")

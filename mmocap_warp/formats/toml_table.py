@@ -159,6 +159,13 @@ class Table:
         keys = [key for key, value in self._values.items() if isinstance(value, dict)]
         return {key: self.take_table(key) for key in keys}
 
+    def take_list(self, key: str) -> list[Table]:
+        """The tables ``[[key]]`` in their order."""
+        values = self.take(key, list, [])
+        if not all(isinstance(each, dict) for each in values):
+            raise self.error(f"{key} is not a list of tables", f"write [[{key}]] before each of them")
+        return [Table(each, self.source, f"{key} {number}") for number, each in enumerate(values, 1)]
+
     def take_rest(self) -> dict[str, Any]:
         """Everything that is left, unchecked."""
         rest, self._values = self._values, {}

@@ -58,15 +58,14 @@ def load_study(path: str | Path) -> Study:
         if not isinstance(value, str):
             raise table.error(f"{key} = {value!r} is not a string", "name a scene.toml")
         scenes[key] = path.parent / value
-    grids = file.take("grid", list, [])
+    grids = file.take_list("grid")
     file.finish()
     for part in (part for name in scenes for part in name.split("/")):
         file_name(part, f"{path}: [sequences]")
-    if not grids or not all(isinstance(grid, dict) for grid in grids):
+    if not grids:
         raise file.error("there is no grid", "add a table [[grid]] with sequences, algorithms, dof and evaluations")
     plans: dict[Cell, Plan] = {}
-    for number, values in enumerate(grids, 1):
-        grid = Table(values, str(path), f"grid {number}")
+    for number, grid in enumerate(grids, 1):
         for plan in _grid(grid, number, common, scenes):
             if plans.setdefault(plan.cell, plan) != replace(plan, grid=plans[plan.cell].grid):
                 raise grid.error(f"{plan.cell} is in an earlier grid with other seeds or frames", "keep one of them")

@@ -147,7 +147,7 @@ def test_what_has_not_changed_is_not_done_again(whole, made, here, tmp_path):
     other.write_text(PLAN.replace("evaluations = 30", "evaluations = 31"))
     (record,) = (output / "trials" / "a" / "one").glob("done.*.json")
     record.write_bytes(b"{")
-    with pytest.warns(UserWarning, match="is damaged"):
+    with pytest.warns(UserWarning, match="is not valid JSON"):
         changed = mm.batch(scenes, output, **same | {"plan": other})
     assert (changed.status.reused, changed.status.finished) == (1, 2)
     assert mm.load_result(output / "trials" / "b" / "result.usdc").config["evaluations"] == 31
@@ -286,6 +286,11 @@ def test_scenes_are_named_from_the_folder_that_was_given(made, here, tmp_path):
         ({"scenes": ["b", "b/scene.toml"]}, mm.InputError, "names two scenes of one folder"),
         ({"scenes": ["b", "b/made"]}, mm.InputError, "names two scenes of one folder"),
         ({"plan": "[track]\ndance = 1"}, mm.InputError, r"\[track\]: dance is not known; use one of"),
+        ({"plan": "[fit]\nrigid = 'no'"}, mm.InputError, r"\[fit\]: rigid = 'no' is not true or false"),
+        ({"plan": "[[scenes]]\nmatch = 'b'\ntrack.runs = 0"}, mm.InputError, r"\[track\]: runs must be at least 1"),
+        ({"plan": "mask.scale = 'x'"}, mm.InputError, r"\[mask\]: scale = 'x' is not a number"),
+        ({"plan": "scenes = [1]"}, mm.InputError, "scenes is not a list of tables"),
+        ({"scenes": "list.txt"}, mm.InputError, "names no file .embedded null"),
         ({"plan": "[[scenes]]\nperson = 'x'"}, mm.InputError, "'match' is missing"),
     ],
 )
@@ -294,6 +299,9 @@ def test_wrong_arguments_are_told_before_anything_is_written(given, error, told,
     if "plan" in given:
         (tmp_path / "plan.toml").write_text(given["plan"])
         given["plan"] = tmp_path / "plan.toml"
+    if given["scenes"] == "list.txt":
+        (tmp_path / "list.txt").write_bytes(b"a\0b")
+        given["scenes"] = tmp_path / "list.txt"
     if given["scenes"] == ".":
         (tmp_path / "empty").mkdir()
         given["scenes"] = tmp_path / "empty"

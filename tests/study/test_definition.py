@@ -84,7 +84,7 @@ def test_the_same_cell_twice_is_one(tmp_path):
     ("text", "problem"),
     [
         ("", r"there is no grid; add a table \[\[grid\]\]"),
-        ("grid = [1]", "there is no grid"),
+        ("grid = [1]", "grid is not a list of tables"),
         ("[study\n", "is not valid TOML"),
         ("[study]\nseed = 3" + GRID, r"\[study\]: unknown key 'seed'; did you mean 'seeds'"),
         ("[study]\nseeds = 0" + GRID, r"seeds = 0 is below 1"),

@@ -22,6 +22,7 @@ RIG = "rig"
 
 _FOLDER = ROOT / "bodies" / "joint_sets"
 _POSES_AT_ONCE = 256  # poses whose skin is posed together; 13,000 vertices of each take 160 KB
+_MAX_WEIGHT = 1e9  # of a term
 _SUM_TOLERANCE = 1e-3  # a point's weights must sum to one within this, or it would not move with the body
 
 
@@ -95,18 +96,18 @@ def joint_set(name: str | Path, body: BodyModel) -> JointSet:
         number, none = np.arange(len(skeleton.joints)), np.zeros(0, int)
         return JointSet(RIG, skeleton.joints, none, np.zeros((len(number), 0)), np.eye(len(number)), number, number)
     if Path(name).suffix == ".toml":
-        return parse_joint_set(read_text(name, "give a TOML text file"), body, name)
+        return parse_joint_set(read_text(name, "give a TOML text file"), body, name, Path(name).stem)
     if name in known:
-        return parse_joint_set(known[str(name)], body, f"joint set {name} of {body.name}")
+        return parse_joint_set(known[str(name)], body, f"joint set {name} of {body.name}", str(name))
     file = _FOLDER / f"{name}.toml"
     if not file.is_file():
         names = ", ".join([RIG, *known, *sorted(each.stem for each in _FOLDER.glob("*.toml"))])
         raise InputError("joint set", f"there is no '{name}'", f"name one of {names}, or a .toml file")
-    return parse_joint_set(read_text(file, "install the package again"), body, file)
+    return parse_joint_set(read_text(file, "install the package again"), body, file, str(name))
 
 
-def parse_joint_set(text: str, body: BodyModel, source: str | Path) -> JointSet:
-    """The set of a table in TOML, for a body; ``source`` is named in errors.
+def parse_joint_set(text: str, body: BodyModel, source: str | Path, name: str = "") -> JointSet:
+    """The set of a table in TOML, for a body, under a name; ``source`` is named in errors.
 
     Raises:
         InputError: it is no such table, or it names a joint or a vertex that the body lacks.
@@ -122,8 +123,7 @@ def parse_joint_set(text: str, body: BodyModel, source: str | Path) -> JointSet:
         raise InputError(source, "has no joints or unknown keys", "give vertices, [landmarks] and [joints] alone")
     if not isinstance(landmarks, dict):
         raise InputError(source, "landmarks is no table", "give each landmark a vertex or a list of vertices")
-    rows = _Rows(body, landmarks, source)
-    return rows.joint_set(Path(source).stem if isinstance(source, Path) else str(source), points)
+    return _Rows(body, landmarks, source).joint_set(name, points)
 
 
 class _Rows:
@@ -153,10 +153,12 @@ class _Rows:
 
     def _add(self, point: str, terms: Any, skin: np.ndarray, joint: np.ndarray) -> None:
         """Add weighted landmarks, vertices (``v12``) and joints of the body to a point's rows."""
-        if not isinstance(terms, dict) or not all(type(weight) in (int, float) for weight in terms.values()):
+        if not isinstance(terms, dict) or not all(
+            type(weight) in (int, float) and abs(weight) < _MAX_WEIGHT for weight in terms.values()
+        ):
             raise self._error(point, "does not give each of its terms a number")
         for term, weight in terms.items():
-            number = int(term[1:]) if term[:1] == "v" and term[1:].isdecimal() else -1
+            number = int(term[1:]) if term[:1] == "v" and term[1:].isdecimal() and len(term) < 12 else -1
             if term in self._landmarks:
                 np.add.at(skin, self._landmarks[term], weight / len(self._landmarks[term]))
             elif 0 <= number < self._count:

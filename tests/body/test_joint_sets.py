@@ -98,6 +98,8 @@ def test_a_point_is_carried_by_a_joint_or_follows_the_skin() -> None:
         ("[joints]\na = { of = { Nowhere = 1 } }", "names 'Nowhere'"),
         ("[joints]\na = { of = { Root = 0.5 } }", "sum to 0.5"),
         ("[joints]\na = { of = { Root = 'x' } }", "a number"),
+        (f"[joints]\na = {{ of = {{ Root = 1{400 * '0'} }} }}", "a number"),
+        (f"[joints]\na = {{ of = {{ v{5000 * '1'} = 1 }} }}", "names 'v111"),
         ("[joints]\na = 1", "is no table"),
         ("landmarks = 1\n[joints]\na = { is = 'Root' }", "landmarks is no table"),
     ],
@@ -112,8 +114,10 @@ def test_sets_come_by_file_with_the_body_or_not_at_all(tmp_path) -> None:
     (tmp_path / "own.toml").write_text(text)
     write_body(tmp_path / "man.usdc", replace(MAN, joint_sets={"mine": text}))
     carried = read_body(tmp_path / "man.usdc")
-    for each in (joint_set(tmp_path / "own.toml", MAN), joint_set("mine", carried)):
+    for each in (joint_set(str(tmp_path / "own.toml"), MAN), joint_set("mine", carried)):
         assert each.names == ("middle",)
+        assert each.name in ("own", "mine")
+    assert joint_set("isb", MAN).name == "isb"
     with pytest.raises(InputError, match="there is no 'mine'"):
         joint_set("mine", MAN)
     with pytest.raises(InputError, match="13380 vertices"):

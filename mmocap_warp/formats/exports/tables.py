@@ -7,6 +7,8 @@ angle of the pose, and ``Ball_place.Tx_m`` a shift of a joint that slides. A fun
 that cannot be written to, or a package that is not installed.
 """
 
+import csv
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,17 +22,20 @@ from mmocap_warp.body.model import Subject, bind_transforms, joint_transforms
 from mmocap_warp.body.posing import skin_positions
 from mmocap_warp.body.rotations import near_zyx_angles
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
-from mmocap_warp.errors import missing_package
+from mmocap_warp.errors import InputError, missing_package
 from mmocap_warp.result.excerpt import evenly
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.whole_file import whole_file, write_whole
 
+_MOST_C3D = 65_535  # a frame's number and the number of frames have 16 bits
+
 
 def write_csv(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write the table as text; places to 1e-6 m, angles to 1e-6 degrees."""
-    columns = _columns(result, joint_set)
+    columns, text = _columns(result, joint_set), io.StringIO()
     cells = [[f"{v:.6f}" if isinstance(v, float) else str(v) for v in column] for column in columns.values()]
-    write_whole(path, "".join(",".join(row) + "\n" for row in [list(columns), *zip(*cells, strict=True)]).encode())
+    csv.writer(text, lineterminator="\n").writerows([list(columns), *zip(*cells, strict=True)])
+    write_whole(path, text.getvalue().encode())
 
 
 def write_parquet(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
@@ -65,6 +70,10 @@ def write_trc(result: Result, path: Path, joint_set: JointSet | None = None) -> 
     """
     tracks = best_run_tracks(result)
     names, points = tracks.points(joint_set)
+    if odd := [name for name in names if not name.isprintable()]:
+        raise InputError(
+            path, f"cannot hold the name {odd[0]!r}", "name it without tabs and line ends, or write a .csv"
+        )
     first, frames, rate = tracks.row_number[0], len(points), f"{tracks.rate:.6f}"
     about = {"DataRate": rate, "CameraRate": rate, "NumFrames": frames, "NumMarkers": len(names), "Units": "m"}
     about |= {"OrigDataRate": rate, "OrigDataStartFrame": first, "OrigNumFrames": frames}
@@ -116,13 +125,15 @@ def write_c3d(result: Result, path: Path, joint_set: JointSet | None = None) -> 
         raise missing_package(path, "ezc3d", "written", "formats", "write a .trc") from None
     tracks = best_run_tracks(result)
     names, points = tracks.points(joint_set)
-    up = result.cameras.up
+    up, first = result.cameras.up, int(tracks.row_number[0])
+    if max(first, len(points)) > _MOST_C3D:
+        raise InputError(path, f"counts to {_MOST_C3D:,} frames, no further", "write a .trc, or fewer --frames")
     file = ezc3d.c3d()
     about = file["parameters"]["POINT"]
     about["UNITS"]["value"], about["RATE"]["value"], about["LABELS"]["value"] = ["mm"], [tracks.rate], list(names)
     file.add_parameter("POINT", "X_SCREEN", ["+Y" if up[1] == "x" else "+X"])
     file.add_parameter("POINT", "Y_SCREEN", [up.upper()])
-    file["header"]["points"]["first_frame"] = int(tracks.row_number[0]) - 1  # ezc3d counts from 0
+    file["header"]["points"]["first_frame"] = first - 1  # ezc3d counts from 0
     file["data"]["points"] = np.ones((4, len(names), len(points)))
     file["data"]["points"][:3] = 1000 * points.transpose(2, 1, 0)  # [mm]
     with whole_file(path) as unfinished:

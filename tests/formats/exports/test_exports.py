@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -252,6 +253,27 @@ def test_a_marker_named_like_a_joint_gets_another_name(tmp_path: Path) -> None:
     path = written(tmp_path, replace(result, subject=replace(result.subject, body=body)), ".trc")
     assert len(set(read_trc(path).names)) == len(body.skeleton.joints) + len(body.marker_names)
     assert "Neck_marker" in read_trc(path).names
+
+
+def test_a_table_holds_any_name_or_says_that_it_cannot(tmp_path: Path) -> None:
+    result = synthetic_result()
+    names = ('a,"b"', "c\td", *result.subject.body.marker_names[2:])
+    named = replace(result, subject=replace(result.subject, body=replace(result.subject.body, marker_names=names)))
+    with written(tmp_path, named, ".csv").open(newline="") as file:
+        head, *rows = csv.reader(file)
+    assert {len(row) for row in rows} == {len(head)}
+    assert 'a,"b".x_m' in head
+    with pytest.raises(InputError, match=r"cannot hold the name 'c\\td'"):
+        export(named, tmp_path / "walk.trc")
+
+
+def test_a_c3d_counts_to_65535(tmp_path: Path) -> None:
+    pytest.importorskip("ezc3d")
+    result = synthetic_result()
+    late = replace(result, frame_numbers=result.frame_numbers - result.frame_numbers[0] + 65_534)
+    assert read_c3d(written(tmp_path, late, ".c3d")).frame_numbers[0] == 65_535
+    with pytest.raises(InputError, match="counts to 65,535 frames"):
+        export(replace(late, frame_numbers=late.frame_numbers + 1), tmp_path / "later.c3d")
 
 
 def test_a_c3d_says_which_way_is_up(tmp_path: Path) -> None:

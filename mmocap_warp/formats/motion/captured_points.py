@@ -11,6 +11,7 @@ from mmocap_warp.formats.sandbox import sandboxed
 from mmocap_warp.result.other_world import axes_turn
 from mmocap_warp.whole_file import read_text
 
+_MOST = 1e9  # of a rate, and of a frame's number
 _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
@@ -51,6 +52,8 @@ def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
     if not rows:
         raise InputError(path, "holds no frames", "export it again")
     table = np.array(rows)
+    if not 0 < rate < _MOST or not (np.abs(table[:, 0]) < _MOST).all():
+        raise InputError(path, "has a DataRate or a Frame# that cannot be", "export it again")
     return PointTracks(rate, table[:, 0].astype(int), names, table[:, 1:].reshape(len(rows), -1, 3) @ turn.T * metres)
 
 

@@ -102,7 +102,7 @@ def _prim_names(names: tuple[str, ...]) -> list[str]:
 _SHAPE_TOLERANCE = 0.01
 """Share by which the film's shape may differ from the image's; programs disagree on what is shown of such a one."""
 _MAX_NUMBER = 1e9  # of a camera's numbers
-_EXPORT_REMEDY = "export the cameras again, standing still"
+_EXPORT_REMEDY = "export the cameras again, standing still, with one lens each"
 
 
 def read_usd_cameras(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
@@ -140,7 +140,10 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
     if any(placed and placed.TransformMightBeTimeVarying() for placed in above):  # itself is one of these
         raise InputError(path, f"{prim.GetPath()} moves", _EXPORT_REMEDY)
     film = "horizontalAperture", "verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"
-    lens = [prim.GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) for name in ("focalLength", *film)]
+    stated = [prim.GetAttribute(name) for name in ("focalLength", *film)]
+    if any(each.ValueMightBeTimeVarying() for each in stated):
+        raise InputError(path, f"{prim.GetPath()} zooms", _EXPORT_REMEDY)
+    lens = [each.Get(Usd.TimeCode.EarliestTime()) for each in stated]
     known = all(isinstance(value, float) and abs(value) < _MAX_NUMBER for value in lens)
     is_pinhole = camera.GetProjectionAttr().Get() == UsdGeom.Tokens.perspective
     if not known or not is_pinhole or min(lens[:3]) <= 1 / _MAX_NUMBER:

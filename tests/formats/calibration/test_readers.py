@@ -181,6 +181,16 @@ def test_usd_of_another_program(tmp_path: Path, up: str) -> None:
         read_calibration(tmp_path / "c.usda", sizes=dict.fromkeys(rig.names, (640, 360)))
 
 
+@pytest.mark.parametrize("name", ["focalLength", "horizontalAperture"])
+def test_usd_cameras_that_zoom_are_refused(tmp_path: Path, name: str) -> None:
+    stage = other_usd_cameras(tmp_path / "c.usda", ring_rig(2))
+    for time in (0, 1):
+        stage.GetPrimAtPath("/World/Cameras/cam01").GetAttribute(name).Set(20.0 + time, time)
+    stage.GetRootLayer().Save()
+    with pytest.raises(InputError, match=r"/World/Cameras/cam01 zooms; export the cameras again"):
+        read_calibration(tmp_path / "c.usda")
+
+
 def test_usd_cameras_that_move_are_refused(tmp_path: Path) -> None:
     stage = other_usd_cameras(tmp_path / "c.usda", ring_rig(2))
     place = UsdGeom.Xformable(stage.GetPrimAtPath("/World")).AddTranslateOp()

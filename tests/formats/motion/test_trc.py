@@ -45,6 +45,8 @@ WRONG = {
     "no units": (GOOD.replace("\tmm", "\tfeet"), r"header lacks a DataRate, NumMarkers or Units"),
     "marker count": (GOOD.replace("60\t60\t2\t2", "60\t60\t2\t3"), r"line 4 names 2 markers, the header says 3"),
     "a word": (GOOD.replace("5000", "five"), r"line 6: holds a cell that is not a number"),
+    **{f"rate {rate}": (GOOD.replace("60\t60\t2", f"{rate}\t60\t2"), "DataRate") for rate in ("nan", "0", "-5", "inf")},
+    **{f"frame {at}": (GOOD.replace("\n2\t", f"\n{at}\t"), "Frame#") for at in ("nan", "inf", "1e30")},
     "no frames": (GOOD[: GOOD.index("1\t0.016")] + "\n", r"holds no frames"),
 }
 

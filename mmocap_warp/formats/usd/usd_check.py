@@ -13,7 +13,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel, UsdUtils, UsdValidation, Vt
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject
-from mmocap_warp.formats.usd.usd_file import reads_usd
+from mmocap_warp.formats.usd.usd_file import check_references, reads_usd
 from mmocap_warp.formats.usd.usd_people import results_of
 from mmocap_warp.formats.usd.usd_result import holds_result, read_result
 
@@ -29,6 +29,13 @@ def faults(path: str | Path) -> list[str]:
     path = Path(path)
     if not path.is_file():
         raise InputError(path, "no such file", "check the path")
+    # Composing a stage opens all that it refers to: first, it must not be elsewhere.
+    layer = Sdf.Layer.OpenAsAnonymous(str(path))
+    try:
+        if layer:
+            check_references(layer, path)
+    except InputError as error:
+        return [error.problem]
     stage = Usd.Stage.Open(str(path))
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(stage)

@@ -1,3 +1,5 @@
+import shutil
+
 import numpy as np
 import pytest
 from pxr import Gf, Tf, Usd, UsdGeom, UsdSkel, Vt
@@ -174,12 +176,13 @@ def test_files_that_lie_elsewhere_are_named(sound, tmp_path):
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     body = UsdGeom.Xform.Define(stage, "/Body")
     stage.SetDefaultPrim(body.GetPrim())
-    body.GetPrim().GetReferences().AddReference(str(sound))
+    beside = shutil.copy(sound, tmp_path / sound.name)
+    body.GetPrim().GetReferences().AddReference(str(beside))
     stage.SetTimeCodesPerSecond(59.94)
     stage.SetStartTimeCode(10)
     stage.SetEndTimeCode(12)
     stage.Save()
-    assert faults(tmp_path / "a.usda") == [f"needs {sound}, which is not in it"]
+    assert faults(tmp_path / "a.usda") == [f"needs {beside}, which is not in it"]
 
 
 def test_own_data_that_cannot_be_read_is_told(tmp_path):

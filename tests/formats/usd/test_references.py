@@ -9,6 +9,7 @@ from mmocap_warp import cli
 from mmocap_warp.cli.console import BAD_INPUT
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body, write_body
+from mmocap_warp.formats.usd.usd_check import faults
 
 CLIPS = 'clips = {{ dictionary default = {{ {} double templateStride = 1\nstring primPath = "/Boxes" }} }}'
 NAMES = {  # what stands before the prims, in a prim's metadata, and in the prim
@@ -38,6 +39,8 @@ def test_a_file_elsewhere_is_refused_by_name(tmp_path, where, name):
     (tmp_path / "in/body.usda").write_text(naming(where, name.format(folder=tmp_path)))
     with pytest.raises(InputError, match=r"body\.usda: refers to .*(secret\.usda|clips).*--allow-references"):
         read_body(tmp_path / "in/body.usda")
+    (fault,) = faults(tmp_path / "in/body.usda")
+    assert fault.startswith("refers to ")
 
 
 def test_a_file_elsewhere_is_not_found_by_way_of_one_beside(tmp_path):

@@ -90,8 +90,7 @@ def _take_labels(table: Table, key: str, sources: tuple[CameraSource, ...]) -> l
 def take_body(table: Table, scene: Path) -> str | Path | None:
     """The body that a table names: a file relative to the scene's, or a shipped one's name."""
     body: str | None = table.take("body", str, None)
-    is_file = body is not None and Path(body).suffix in (".usd", ".usda", ".usdc")
-    return _existing(scene.parent / body, table) if body is not None and is_file else body
+    return _existing(scene.parent / body, table) if body is not None and Path(body).suffix else body
 
 
 def take_file(table: Table, key: str, scene: Path) -> Path | None:

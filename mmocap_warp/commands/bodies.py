@@ -104,12 +104,13 @@ def import_body(
     """
     target = new_file(output, *USD_SUFFIXES, force=force)
     joints_target = None if write_joints is None else new_file(write_joints, ".toml", force=force)
+    picture = new_file(target.with_suffix(".outline.png"), ".png", force=force)
     # Read the file, and check what was said of it.
     stated_joints = None if joints is None else read_joints_file(Path(joints))
     mesh = _read_rigged(Path(file), None if meshes is None else Path(meshes), character, blender)
     with arguments_checked():
         body_from_file(up or mesh.up, facing or mesh.facing)
-    if not scale > 0 or triangles < 4 or skin_triangles < triangles:
+    if not 0 < scale < np.inf or triangles < 4 or skin_triangles < triangles:
         raise UsageError(
             "--scale must be positive, --triangles at least 4, and --skin-triangles no fewer than --triangles; "
             f"got {scale:g}, {triangles} and {skin_triangles}"
@@ -135,7 +136,7 @@ def import_body(
     made = replace(made, notes=(*made.notes, *([made.fault] if made.fault else [])), fault="")
     write_body(target, made.body, made.motions)
     if made.outline.overlap < SAME_OUTLINE:
-        write_png(target.with_suffix(".outline.png"), made.outline.picture)
+        write_png(picture, made.outline.picture)
     return made
 
 

@@ -70,11 +70,14 @@ def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureF
     other = str(tmp_path / "other.usdc")
     assert cli.main(["body", "import", str(robot), "-o", other]) == console.BAD_INPUT
     assert "--meshes" in capsys.readouterr().err
-    for flags in (["--scale", "0"], ["--triangles", "2"], ["--up", "+z", "--facing", "-z"]):
+    for flags in (["--scale", "0"], ["--scale", "inf"], ["--triangles", "2"], ["--up", "+z", "--facing", "-z"]):
         robot.write_text(ROBOT)
         assert cli.main(["body", "import", str(robot), "-o", other, *flags]) == console.USAGE
     assert cli.main(["body", "import", str(robot), "-o", str(tmp_path / "turned.usdc"), "--facing", "-x"]) == 0
     capsys.readouterr()
+    (tmp_path / "third.outline.png").touch()
+    assert cli.main(["body", "import", str(robot), "-o", str(tmp_path / "third.usdc")]) == console.BAD_INPUT
+    assert "third.outline.png: exists already" in capsys.readouterr().err
     (tmp_path / "a.max").write_bytes(b"")
     assert cli.main(["body", "import", str(tmp_path / "a.max"), "-o", other]) == console.BAD_INPUT
     assert ".glb" in capsys.readouterr().err

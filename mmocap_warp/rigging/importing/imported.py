@@ -62,17 +62,14 @@ def imported(
         name: the body's, a valid USD prim name.
         up, facing: the file's axes, such as ``+z``; None for those of its format.
         scale: what lengths are multiplied by, besides the file's unit.
-        triangles: at most, of the tracking mesh.
+        triangles: at most, of the tracking mesh; four at least.
         skin_triangles: at most, of the mesh that is shown.
         joints: what a joints file says in place of what is derived.
 
     Raises:
-        ValueError: an argument that cannot be, or joints from which no body can be made.
+        ValueError: axes that cannot be, or joints from which no body can be made.
         InputError: the joints file names what there is not.
     """
-    if not _LEAST_SKIN <= triangles <= skin_triangles:
-        limits = f"at least {_LEAST_SKIN} and at most skin_triangles"
-        raise ValueError(f"triangles must be {limits}, got {triangles} and {skin_triangles}")
     # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
     mesh = in_body_axes(joint_tree.with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
@@ -272,10 +269,8 @@ def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> Rigged
     The file's axes ``up`` and ``facing`` count instead of its format's.
 
     Raises:
-        ValueError: axes that cannot be, or a scale that is not positive.
+        ValueError: axes that cannot be.
     """
-    if not (np.isfinite(scale) and scale > 0):
-        raise ValueError(f"scale must be positive, got {scale}")
     turn, size = body_from_file(up, facing), scale * mesh.metres
     axes = {}
     for joint, how in mesh.axes.items():

@@ -94,6 +94,8 @@ def live(
         UsageError: a setting or an address that cannot be. TypeError: a setting that does not exist.
         InputError: anything wrong with the scene, the subject, the source or an address; or a package is missing.
     """
+    if source and frames is not None:
+        raise UsageError("--frames are of the scene's own files: leave it or --source out")
     reporter = reporter or Reporter()
     loaded = load_scene(scene, live=True) if source and not isinstance(scene, Scene) else scene_from(scene, frames)
     scenes = _scenes(loaded, person)
@@ -184,7 +186,7 @@ class Tracked:
         self._send(Packet(frame, self.subject, time, False, dropped, self.name))
 
     def smoothed(self, frames: Iterable[LiveFrame], dropped: int) -> None:
-        """Say what was found of frames by those around them."""
+        """Say what was found of frames once those after them were known."""
         for frame in frames:  # one that was dropped came after the one before it
             self.last_time = self.times.pop(frame.number, self.last_time + self.period)
             self._send(Packet(frame, self.subject, self.last_time, True, dropped, self.name))

@@ -36,6 +36,8 @@ def subject() -> mm.Subject:
 def test_what_cannot_be_is_refused_before_anything_starts(subject, tmp_path):
     with pytest.raises(mm.UsageError, match="runs must be 1 to track live, got 2"):
         mm.live(WALK, subject, runs=2)
+    with pytest.raises(mm.UsageError, match="frames are of the scene's own files: leave it or source out"):
+        mm.live(WALK, subject, source=("0", "1"), frames=3)
     with pytest.raises(mm.UsageError, match="to udp://here is no address; give one of tcp://HOST:PORT"):
         mm.live(WALK, subject, to=("udp://here",), device="cpu")
     with pytest.raises(mm.InputError, match=r"live\.txt: ends in '\.txt'"):

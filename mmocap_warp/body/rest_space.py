@@ -228,10 +228,10 @@ def _bones(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarr
 
 
 def _girths(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarray) -> Iterator[_Column]:
-    normal = _vertex_normals(body.skin.rest.astype(np.float64), body.skin.face)
+    normal = vertex_normals(body.skin.rest.astype(np.float64), body.skin.face)
     tracking = body.tracking_vertex[~normal[body.tracking_vertex].any(axis=1)]  # of a surface laid around open skin
     if len(tracking):
-        closed = _vertex_normals(body.skin.rest.astype(np.float64), body.tracking_vertex[body.tracking_face])
+        closed = vertex_normals(body.skin.rest.astype(np.float64), body.tracking_vertex[body.tracking_face])
         normal[tracking] = closed[tracking]
     for name, group in groups.items():
         follows = weight[:, list(group)].sum(axis=1)
@@ -240,7 +240,7 @@ def _girths(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndar
             yield _Column(f"girth.{name}", _GIRTH_SIGMA * body.relative_size, skin, np.zeros(body.joint_rest.shape))
 
 
-def _vertex_normals(rest: np.ndarray, face: np.ndarray) -> np.ndarray:
+def vertex_normals(rest: np.ndarray, face: np.ndarray) -> np.ndarray:
     """(vertex, 3), outward and of length one; zero where a vertex has no face of any area.
 
     Diagonals of a quad span its normal, whichever corner it begins with: mirrored faces have mirrored normals.

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject, bind_transforms, joint_transforms
+from mmocap_warp.body.rest_space import vertex_normals
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.formats.exports.rigs import RIGS
 from mmocap_warp.formats.exports.tables import best_run_tracks
@@ -198,9 +199,5 @@ def _quaternions(rotation: np.ndarray) -> np.ndarray:
 
 def _normals(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
     """(vertex, 3) unit vectors, the mean of the triangles around each by their areas; up where there are none."""
-    corner = vertex[face]
-    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal = np.zeros_like(vertex)
-    np.add.at(normal, face.ravel(), across.repeat(3, axis=0))
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.where(length > 0, normal / np.where(length > 0, length, 1.0), [0.0, 1.0, 0.0])
+    normal = vertex_normals(vertex, face)
+    return np.where(normal.any(axis=1, keepdims=True), normal, [0.0, 1.0, 0.0])

@@ -27,7 +27,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     "radial": ("", 1.0),
     "offset": ("ms", 1000.0),
 }
-"""The unit in which each of ``camera_changes.KINDS`` is shown, and its value in the parameter's own unit."""
+"""The unit in which each of ``camera_changes.KINDS`` is shown, and what its own value is multiplied by."""
 
 
 @command(

@@ -31,12 +31,12 @@ TERMINATED = 143  # stopped by SIGTERM, as by a scheduler or a machine that shut
 # How parameters are taken that many commands have. A switch is given or not: it takes no value and has no opposite.
 Switch = Annotated[bool, Parameter(negative="", show_default=False)]
 Output = Parameter(name=["--output", "-o"])
-_IDENTITY = "Of the person that is meant, where masks show several: the index in their palette, or their gray level."
+_IDENTITY = "Who is meant, where masks show several: the index in their palette, or their gray level."
 _SCENE_FRAMES = (
     "Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or a "
     "count of those that the scene names. [default: those that the scene names]"
 )
-_RESULT_FRAMES = "Of the result: first:end or first:end:stride by the recording's numbers, or a count. [default: all]"
+_RESULT_FRAMES = "Which frames: first:end or first:end:stride by the recording's numbers, or a count. [default: all]"
 SceneFile = Annotated[Path, Parameter(help="The scene file, or its folder.")]
 ResultFile = Annotated[Path, Parameter(help="What 'mmocap track' wrote.")]
 Identity = Annotated[int | None, Parameter(help=_IDENTITY)]

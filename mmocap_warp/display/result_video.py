@@ -289,7 +289,8 @@ def _frames_in_step(result: Result, *seen: Images | None) -> Iterator[tuple]:
     streams = zip(*(nothing if each is None else each for each in seen), strict=False)
     for number in result.frame_numbers:
         if (both := next(streams, None)) is None:
-            raise InputError("recording", f"has no frame {number}, which the result has", "show it with its own scene")
+            scene = result.config.get("scene", "recording")
+            raise InputError(scene, f"has no frame {number}, which the result has", "show it with its own scene")
         yield both
 
 

@@ -16,23 +16,23 @@ KNOWN: dict[str, Any] = {"rigid": True, "headings": 4, "evaluations": 300, "fina
 class FitConfig:
     """Settings of a fit."""
 
-    seed: int = setting(0, "Of the random numbers.")
+    seed: int = setting(0, "Where random numbers begin.")
     scale: float | None = setting(
-        None, "Of masks and cameras, up to 1.", f"images {LONGEST_IMAGE} pixels long, which is plenty for a shape"
+        None, "What scales the views, up to 1.", f"images {LONGEST_IMAGE} pixels long, which is plenty for a shape"
     )
-    headings: int = setting(8, "Evenly spread starting directions; of a body that starts anyhow, best of many starts.")
-    evaluations: int = setting(1000, "Spent on each heading.", flag=False)
-    finalists: int = setting(4, "Headings whose limbs are searched.", flag=False)
+    headings: int = setting(8, "How many directions it starts from; of a body that starts anyhow, the best of many.")
+    evaluations: int = setting(1000, "What is spent on each heading.", flag=False)
+    finalists: int = setting(4, "How many headings have their limbs searched.", flag=False)
     frames: int = setting(
         16,
-        "Of the clip's first seconds, and of later ones, that show the body; 1 takes it from the first frame alone.",
+        "How many frames of the clip's first seconds and of later ones show the body; 1 takes the first alone.",
         flag=False,
     )
     rigid: bool | None = setting(
-        None, "Bones' lengths, girths and scale are known, as a robot's are: find the pose alone.", "what the body says"
+        None, "Find the pose alone: bones' lengths, girths and scale are known, as a robot's are.", "what the body says"
     )
     device: str = setting("auto", "auto, cpu or a CUDA device such as cuda:0.")
-    threads: int | None = setting(None, "CPU threads.", "all that this process may use")
+    threads: int | None = setting(None, "How many CPU threads work.", "all that this process may use")
 
     def __post_init__(self) -> None:
         if self.scale is not None and not 0.0 < self.scale <= 1.0:

@@ -73,7 +73,7 @@ _FAR_SHARE = 3  # times as many evaluations as usual find joints that begin far
 _LYING_SHARE = 2  # times as many starts as usual find how a body lies that may lie any way
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
 _LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
-_MOST_PARTS, _PART_SECONDS, _SPAN_SECONDS = 3, 4.0, 24.0  # parts at most; recording [s] for each; in which they begin
+_MOST_PARTS, _PART_SECONDS, _SPAN_SECONDS = 3, 4.0, 24.0  # at most 3, of 4 s each, begin in the first 24 s
 _FAILED = 1.5  # a part that costs so many times as much as the first was not followed
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
 

@@ -11,7 +11,7 @@ _LEAST_COSINE = 0.2  # a collapse may turn a triangle's normal this far: a trian
 
 
 def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.ndarray, np.ndarray]:
-    """A closed mesh of ``triangles`` triangles, or one more, over a subset of a closed mesh's vertices.
+    """A closed mesh of ``triangles`` triangles, or one fewer, over a subset of a closed mesh's vertices.
 
     Half-edge collapses in the order of the quadric error (Garland and Heckbert 1997): a vertex is moved onto a
     neighbour and vanishes, so all that remain are where they were.

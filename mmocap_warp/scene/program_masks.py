@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -53,7 +52,8 @@ def masks_by_program(
             for k, (source, name, size) in enumerate(zip(scene.cameras, names, sizes, strict=True)):
                 masks = folder / "masks" / name
                 masks.mkdir(parents=True, exist_ok=True)
-                program.make(frames[k].result(), masks, size, partial(_report, progress, k * total, len(names) * total))
+                at, of = k * total, len(names) * total
+                program.make(frames[k].result(), masks, size, lambda done, at=at, of=of: progress(at + done, of))
                 for frame in range(total):  # what the camera has no image of has an empty mask
                     if not (folder / "frames" / name / f"{frame:06d}.jpg").exists():
                         write_png(masks / f"{frame:06d}.png", np.zeros(size[::-1], bool))
@@ -95,10 +95,6 @@ def with_people(scene: Scene, folder: Path, scale: float, note: Callable[[str], 
     named = {f"person{n}": Person((person,) * len(given)) for n, person in enumerate(seen, 1)}
     named["person1"] = replace(named["person1"], subject=scene.subject, truth=scene.truth)
     return replace(scene, foreground=replace(scene.foreground, keep="all"), people=named).of_person("person1")
-
-
-def _report(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
-    progress(before + done, total)
 
 
 def images_for_program(scene: Scene, folder: Path) -> Iterator[list[np.ndarray | None]]:

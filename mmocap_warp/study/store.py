@@ -83,8 +83,8 @@ def result_path(folder: Path, cell: Cell, key: str) -> Path:
     return folder / f"{re.sub(r'[^A-Za-z0-9-]+', '_', name)}.{key}.npz"
 
 
-def open_folder(folder: Path) -> Path:
-    """A folder for results, made if need be, freed of what kills amid writing left; an InputError if it cannot be."""
+def open_folder(folder: Path) -> None:
+    """Make a folder for results if need be, and remove what killed writers left; an InputError if it cannot be used."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for file in folder.glob(".*.npz.*"):
@@ -92,7 +92,6 @@ def open_folder(folder: Path) -> Path:
                 file.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(folder, f"cannot be used ({error.strerror})", "name a folder for results") from None
-    return folder
 
 
 def read_results(folder: str | Path) -> Iterator[CellResult | InputError]:

@@ -74,16 +74,16 @@ class AdjustConfig:
     fixed: str | None = setting(
         None, "The camera that stands still.", "the one beside which the others move least", flag=False
     )
-    height: float | None = setting(None, "Of the person, where it is known [m].", flag=False)
+    height: float | None = setting(None, "How tall the person is, where that is known [m].", flag=False)
     distance: tuple[str, str, float] | None = setting(
         None, "Two cameras and the metres between their centres, where they are known.", flag=False
     )
-    frames: int = setting(20, "Number of frames that the cameras are solved from.", flag=False)
-    judges: int = setting(10, "Number of further frames that judge the cameras.", flag=False)
-    scale: float | None = setting(None, "Of masks and cameras, up to 1.", "images 640 pixels long")
-    seed: int = setting(0, "Of the random numbers.")
+    frames: int = setting(20, "How many frames the cameras are solved from.", flag=False)
+    judges: int = setting(10, "How many further frames judge the cameras.", flag=False)
+    scale: float | None = setting(None, "What scales the views, up to 1.", "images 640 pixels long")
+    seed: int = setting(0, "Where random numbers begin.")
     device: str = setting("auto", "auto, cpu or a CUDA device such as cuda:0.")
-    threads: int | None = setting(None, "CPU threads.", "all that this process may use")
+    threads: int | None = setting(None, "How many CPU threads work.", "all that this process may use")
     subject: Subject | None = setting(
         None, "The person in the pose of the first frame, where that is known.", "a body is fitted", flag=False
     )

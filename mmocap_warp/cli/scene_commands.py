@@ -202,8 +202,8 @@ _PARTS = Parameter(help="\\\n".join(dataset.usage(name) for name, dataset in DAT
     name=Given(Literal[tuple(DATASETS)], kind=BY_PLACE),
     parts=Given(Annotated[str, _PARTS], kind=ANY_NUMBER),
 )
-def dataset(call: Any, console: Console, output: Path) -> Answer:
-    made, scene = call(reporter=_Warnings(quiet=console.quiet)), output / "scene.toml"
+def dataset(call: Any, output: Path) -> Answer:
+    made, scene = call(), output / "scene.toml"
     step = next_step("cameras", scene, "-o", output / "axes")
     values = {
         "scene": scene,
@@ -214,13 +214,6 @@ def dataset(call: Any, console: Console, output: Path) -> Answer:
         "next": step,
     }
     return Answer(values, [f"{scene}: {made!r}", f"next: {step}"])
-
-
-class _Warnings(Console):
-    """A console whose warnings say that they are."""
-
-    def warn(self, line: str) -> None:
-        super().warn(f"mmocap: warning: {line}")
 
 
 def validate(file: Path, /, *, console: Console | None = None) -> int:

@@ -11,7 +11,7 @@ from mmocap_warp.calibration.board.board_cameras import BoardCalibration, calibr
 from mmocap_warp.calibration.board.pattern import Board
 from mmocap_warp.calibration.solve.solution import upright
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.commands.caller import Reporter, arguments_checked
+from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.inputs import scene_from
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.display.overlay import INK, LEFT_COLOUR, PAPER, write_text
@@ -65,8 +65,7 @@ def calibrate_board(
         UnsolvableError: the person does not show where the floor is.
         InputError: videos that cannot be read, a camera that does not see the board, or cameras that are not in step.
     """
-    with arguments_checked():
-        pattern = Board.parse(board)
+    pattern = Board.parse(board)
     if floor is not None and person is not None:
         raise UsageError("--floor and --person both say where the floor is; give one of them")
     walk = None if person is None else scene_from(person, calibrated=False)
@@ -101,13 +100,13 @@ def calibrate_board(
 
 def _sources(videos: Sequence[Path]) -> dict[str, tuple[Frames, CameraSource | None]]:
     """The videos, by the names of the cameras; with a scene's cameras where a scene is given."""
+    opened: dict[str, tuple[Frames, CameraSource | None]] = {}
     if len(videos) == 1 and (videos[0].suffix == ".toml" or (videos[0] / "scene.toml").is_file()):
-        scene = load_scene(videos[0], masks=False, calibrated=False)
-        for source in scene.cameras:
+        for source in load_scene(videos[0], masks=False, calibrated=False).cameras:
             if source.video is None:
                 raise InputError(videos[0], f"camera '{source.name}' has no video", "name the board's under [cameras]")
-        return {source.name: (source.video, source) for source in scene.cameras if source.video is not None}
-    opened: dict[str, tuple[Frames, CameraSource | None]] = {}
+            opened[source.name] = source.video, source
+        return opened
     for video in videos:
         name = video.stem if video.stem not in opened else video.resolve().parent.name
         if name in opened:
@@ -166,8 +165,7 @@ def print_board(board: str, output: str | Path, *, force: bool = False) -> Path:
         UsageError: no such board.
         InputError: a file that cannot be written.
     """
-    with arguments_checked():
-        pattern = Board.parse(board)
+    pattern = Board.parse(board)
     file = new_file(output, ".svg", force=force)
     write_whole(file, pattern.svg().encode())
     return file

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import METRES
+from mmocap_warp.errors import UsageError
 
 MIN_CORNERS = 6  # corners of a board that is used; fewer determine a pose badly
 _MARKER_SHARE = 0.75  # side of a marker over that of its square
@@ -41,12 +42,12 @@ class Board:
         """A board as the command line has it: ``charuco:5x7:40mm`` or ``charuco:5x7:40mm:30mm:4x4_50``.
 
         Raises:
-            ValueError: text that names no board.
+            UsageError: text that names no board.
         """
         match = _SPECIFICATION.fullmatch(text.lower())
         if match is None:
-            raise ValueError(
-                "board must be such as charuco:5x7:40mm, charuco:5x7:40mm:30mm:4x4_50 (with the markers' size and "
+            raise UsageError(
+                "--board must be such as charuco:5x7:40mm, charuco:5x7:40mm:30mm:4x4_50 (with the markers' size and "
                 f"dictionary) or chessboard:6x9:40mm, with the numbers of squares and the side of one, got '{text}'"
             )
         square = float(match["square"]) * METRES[match["unit"]]
@@ -56,23 +57,23 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3:
-            raise ValueError(f"board must have at least 3x3 squares, got {self.columns}x{self.rows}")
+            raise UsageError(f"--board must have at least 3x3 squares, got {self.columns}x{self.rows}")
         if not 0.001 <= self.square <= 2:
-            raise ValueError(f"board must have squares of 1 mm to 2 m, got {self.square:g} m")
+            raise UsageError(f"--board must have squares of 1 mm to 2 m, got {self.square:g} m")
         if self.kind == "chessboard":
             if (self.columns + self.rows) % 2 == 0:
-                raise ValueError(
-                    f"board {self} looks the same when it is turned by half; take one with an odd and an even number "
+                raise UsageError(
+                    f"--board {self} looks the same when it is turned by half; take one with an odd and an even number "
                     "of squares, such as chessboard:6x9:40mm, or a ChArUco board"
                 )
             return
         if not 0 < self.marker < self.square:
-            raise ValueError(f"board must have markers smaller than its squares, got {self.marker:g} m")
+            raise UsageError(f"--board must have markers smaller than its squares, got {self.marker:g} m")
         if not hasattr(cv2.aruco, self._dictionary_name):
-            raise ValueError(f"board names the dictionary '{self.dictionary}', which OpenCV does not have; try 4x4_250")
+            raise UsageError(f"--board names the dictionary '{self.dictionary}', which OpenCV lacks; try 4x4_250")
         if self.columns * self.rows // 2 > int(self.dictionary.split("_")[1]):
-            raise ValueError(
-                f"board has more markers than the dictionary {self.dictionary}; name a larger one, such as "
+            raise UsageError(
+                f"--board has more markers than the dictionary {self.dictionary}; name a larger one, such as "
                 f"{self.kind}:{self.columns}x{self.rows}:{1000 * self.square:g}mm:{1000 * self.marker:g}mm:4x4_250"
             )
 

@@ -1,6 +1,5 @@
 """Things that a body carries, as a scene file's ``[[attach]]`` tables name them."""
 
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,9 +49,7 @@ def _take_attachment(table: Table, folder: Path) -> Attachment:
     name = table.take("name", str)
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         raise table.error(f"name = {name!r} is no plain name", "use letters, digits and _")
-    mesh = folder / table.take("mesh", str)
-    if not os.path.isfile(mesh):
-        raise table.error(f"{mesh} does not exist", "check the path; it is relative to the scene file")
+    mesh = table.take_file("mesh", folder)
     joint = table.take("joint", str, None)
     free = table.take_choice("free", _FREE, ALL if joint is None else FIXED)
     if joint is None and free != ALL:

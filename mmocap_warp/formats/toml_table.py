@@ -159,6 +159,14 @@ class Table:
         keys = [key for key, value in self._values.items() if isinstance(value, dict)]
         return {key: self.take_table(key) for key in keys}
 
+    def take_file(self, key: str, folder: Path, default: Any = ...) -> Any:
+        """The file that is named, relative to ``folder``; an absent one is ``default``."""
+        if (name := self.take(key, str, default)) is default:
+            return default
+        if not os.path.isfile(folder / name):
+            raise self.error(f"{folder / name} does not exist", "check the path; it is relative to the scene file")
+        return folder / name
+
     def take_list(self, key: str) -> list[Table]:
         """The tables ``[[key]]`` in their order."""
         values = self.take(key, list, [])

@@ -76,8 +76,6 @@ class _Surface(NamedTuple):
 
 
 def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
-    if not thing.mesh.is_file():
-        raise thing.wrong(f"{thing.mesh} does not exist", "check the path")
     vertex, face = part_mesh(thing.mesh, thing.source)
     vertex = thing.scale * vertex
     extent = float(np.ptp(vertex[np.unique(face)], axis=0).max())

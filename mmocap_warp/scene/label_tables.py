@@ -1,6 +1,5 @@
 """Who and what label images show: the tables [labels] and [people.<name>] of a ``scene.toml``."""
 
-import os
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -68,7 +67,7 @@ def read_people(
         for other, person in people.items():
             if any(a == b for a, b in zip(own, person.labels, strict=True)):
                 raise table.error(f"'{name}' and '{other}' have the same label", "give each person its own")
-        subject, truth = take_file(table, "subject", scene), take_file(table, "truth", scene)
+        subject, truth = (table.take_file(key, scene.parent, None) for key in ("subject", "truth"))
         people[name] = Person(own, subject, take_body(table, scene) or body, truth)
         table.finish()
     return people
@@ -89,17 +88,5 @@ def _take_labels(table: Table, key: str, sources: tuple[CameraSource, ...]) -> l
 
 def take_body(table: Table, scene: Path) -> str | Path | None:
     """The body that a table names: a file relative to the scene's, or a shipped one's name."""
-    body: str | None = table.take("body", str, None)
-    return _existing(scene.parent / body, table) if body is not None and Path(body).suffix else body
-
-
-def take_file(table: Table, key: str, scene: Path) -> Path | None:
-    """The file that a table names, relative to the scene's."""
-    value = table.take(key, str, None)
-    return None if value is None else _existing(scene.parent / value, table)
-
-
-def _existing(path: Path, table: Table) -> Path:
-    if not os.path.isfile(path):
-        raise table.error(f"{path} does not exist", "check the path; it is relative to the scene file")
-    return path
+    is_file = Path(str(table.peek("body"))).suffix
+    return table.take_file("body", scene.parent, None) if is_file else table.take("body", str, None)

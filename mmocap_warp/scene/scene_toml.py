@@ -20,7 +20,7 @@ from mmocap_warp.scene.camera_source import CameraSource, recorded_frames
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.kept_masks import MARK_NAME, MaskMark, calibration_hash
-from mmocap_warp.scene.label_tables import read_people, take_body, take_file, with_labels
+from mmocap_warp.scene.label_tables import read_people, take_body, with_labels
 from mmocap_warp.scene.recording import Person, Scene
 
 _WAYS_TO_MASKS = (
@@ -88,7 +88,8 @@ def load_scene(
         raise about.error(f"fps = {stated_fps:g} is not a frame rate", "give the frames per second of the recording")
     states_up, up = about.has("up"), about.take_choice("up", UP_AXES, "+z")
     named_frames = _take_frames(about)
-    body, subject, tracked = take_body(about, path), take_file(about, "subject", path), about.take("person", str, None)
+    body, subject = take_body(about, path), about.take_file("subject", path.parent, None)
+    tracked = about.take("person", str, None)
     about.finish()
 
     # [cameras]: the calibration, and each camera's images.
@@ -129,7 +130,7 @@ def load_scene(
         foreground=foreground,
         subject=subject,
         body=body,
-        truth=take_file(truth, "file", path),
+        truth=truth.take_file("file", path.parent, None),
         truth_axes=truth.take("axes", str, "xyz"),
         truth_first_frame=truth.take("first_frame", int, 0),
         track=track,

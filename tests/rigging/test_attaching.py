@@ -207,7 +207,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "no mesh": ({"mesh": Path("nowhere.obj")}, "nowhere.obj does not exist"),
+    "no mesh": ({"mesh": Path("nowhere.obj")}, "nowhere.obj: no such file"),
     "no mesh's ending": ({"mesh": Path(__file__)}, r"attach: names the mesh test_attaching.py, of a kind that is not"),
     "joint": ({"joint": "Hed"}, "no joint 'Hed'; use one of its own, such as Head"),
     "name": ({"name": "Head"}, "has a joint or a part of that name; name it differently"),

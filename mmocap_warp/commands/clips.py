@@ -61,7 +61,7 @@ def make_sequences(
     given, chosen = CLIPS if clip is None else {sequences[0]: clip_sequence(sequences[0], clip)}, {}
     try:
         for name in sequences or tuple(SEQUENCES):
-            chosen[name] = given[name].first(min(frames or given[name].frame_count, given[name].frame_count))
+            chosen[name] = given[name].first(frames)
             degraded(open_sequence(chosen[name]), degrade, seed)  # refused before anything is written
     except ValueError as error:
         raise UsageError(f"--degrade: {error}") from None

@@ -24,14 +24,8 @@ Curves = dict[str, np.ndarray]  # (frame,) each, by side
 
 
 def plot_angles(path: Path, measures: Measures) -> None:
-    """Write an SVG with a row for each joint and a panel for each of its angles, left and right in one.
-
-    Raises:
-        ValueError: no angles were measured.
-    """
-    if not (rows := _by_joint(measures)):
-        raise ValueError("measures must have joint angles")
-    parts = []
+    """Write an SVG with a row for each joint and a panel for each of its angles, left and right in one."""
+    rows, parts = _by_joint(measures), []
     for number, (joint, panels) in enumerate(rows.items()):
         top, width = _LEGEND + number * _ROW, (_WIDTH - _LEFT - _RIGHT) / len(panels)
         for column, (name, curves) in enumerate(panels.items()):

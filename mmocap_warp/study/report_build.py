@@ -20,7 +20,7 @@ from mmocap_warp.study.sequences import CLIP_PLANS
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.study_tables import Ranking, algorithm_rankings, model_differences, model_rankings
 from mmocap_warp.study.summary import EQ_20, CellSummary, Measure, StudySummary, algorithm_label
-from mmocap_warp.study.wording import in_unit, interval, named, p_value, shown, statistic
+from mmocap_warp.study.wording import interval, named, p_value, shown, statistic
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
 
@@ -31,13 +31,7 @@ _UNIT_SUFFIX = {"mm": "_mm", "%": "_percent", "mm/s": "_mm_per_s", "m/s³": "_m_
 
 
 def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] = ()) -> str:
-    """The whole page. ``clips`` are the recordings at hand by sequence, for pictures; ``notes`` go to the setting.
-
-    Raises:
-        ValueError: a study without a measure that every figure could show.
-    """
-    if not study.measures:
-        raise ValueError("a study needs a cell with a known error or overlap")
+    """The whole page. ``clips`` are the recordings at hand by sequence, for pictures; ``notes`` go to the setting."""
     title, cards = headline(study)
     candidates: tuple[Section | None, ...] = (
         report_sections.trackers_section(study),
@@ -74,7 +68,7 @@ def write_report(
 ) -> None:
     """Write the page, its tables as Markdown, and a CSV file with a line per cell; each whole or not at all.
 
-    Files that exist are replaced. For ``study``, ``clips`` and ``notes``, and the ValueError, see :func:`render`.
+    Files that exist are replaced. For ``study``, ``clips`` and ``notes`` see :func:`render`.
 
     Raises:
         InputError: a file cannot be written.
@@ -187,7 +181,7 @@ def _rankings(rankings: Sequence[Ranking], title: str) -> Iterator[str]:
     head = [*(RANK_HEAD * len(rankings)), "Holm"]
     size = ", ".join(f"{ranking.seeds} seeds over {len(ranking.sequences)} sequences" for ranking in rankings)
     yield Table(f"{size}.", head, rows).markdown(title)
-    head = ["Algorithm", f"mean{in_unit(rankings[0].measure)}", "95 %", "rank", "95 %", "Holm-adjusted p", "A"]
+    head = ["Algorithm", f"mean{rankings[0].measure.bracket}", "95 %", "rank", "95 %", "Holm-adjusted p", "A"]
     effects = [effect_cells(row, ranking.measure) for ranking in rankings for row in ranking.rows]
     yield Table("", head, effects).markdown()
 
@@ -199,5 +193,5 @@ def _differences(study: StudySummary, measure: Measure) -> str:
         tests = f"{found.superiority:.2f}", p_value(found.p), f"{found.sequences}"
         rows.append([algorithm_label(found.algorithm), f"{found.evaluations}", *difference, *tests])
     head = ("Algorithm", "evaluations", "difference", "95 %", "A", "Wilcoxon p", "sequences")
-    title = f"{study.models[0]} less {study.models[-1]} DOF: {named(measure)}{in_unit(measure)}"
+    title = f"{study.models[0]} less {study.models[-1]} DOF: {named(measure)}{measure.bracket}"
     return Table("", head, rows).markdown(title) if rows else ""

@@ -66,15 +66,12 @@ class StudySequence:
         return len(self.recording)
 
     def observation(self, frame: int) -> Observation:
-        """The masks of a frame, the same in whatever order frames are asked for; a ValueError for one beyond them."""
-        if not 0 <= frame < self.frame_count:
-            raise ValueError(f"frame must be in 0 to {self.frame_count - 1}, got {frame}")
+        """The masks of a frame, the same in whatever order frames are asked for."""
         return self.recording.observation(frame)
 
-    def first(self, count: int) -> Self:
-        """The sequence cut after ``count`` frames, which stay as they are; a ValueError if it has not so many."""
-        if not 1 <= count <= self.frame_count:
-            raise ValueError(f"{self.name} has 1 to {self.frame_count} frames to give, not {count}")
+    def first(self, count: int | None) -> Self:
+        """The sequence cut after ``count`` frames at most, which stay as they are; all of it for None."""
+        count = min(count or self.frame_count, self.frame_count)
         return replace(self, truth=self.truth.at_frames(slice(count)), recording=self.recording.first(count))
 
 

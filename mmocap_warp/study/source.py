@@ -106,8 +106,7 @@ def open_clip(clip: Clip) -> OpenClip:
         from mmocap_warp.study.sequences import CLIPS
 
         _check_shipped(clip, CLIPS)
-        whole = CLIPS[clip.name]
-        opened = open_sequence(whole.first(min(clip.frames or whole.frame_count, whole.frame_count)))
+        opened = open_sequence(CLIPS[clip.name].first(clip.frames))
         return replace(opened, subject=read_subject(clip.subject)) if clip.subject else opened
     from mmocap_warp.formats.truth_file import load_truth
     from mmocap_warp.scene.scene_toml import load_scene

@@ -29,9 +29,14 @@ class Measure:
     per_frame: bool = True  # whether it is measured in every frame, or once a run
 
     @property
+    def bracket(self) -> str:
+        """What follows the label at the head of a table: the unit in brackets, if it has one."""
+        return f" [{self.unit}]" if self.unit else ""
+
+    @property
     def title(self) -> str:
         """The label with the unit in brackets, if it has one."""
-        return f"{self.label} [{self.unit}]" if self.unit else self.label
+        return self.label + self.bracket
 
     @property
     def sign(self) -> int:

@@ -54,11 +54,6 @@ def interval(ends: tuple[float, float], decimals: int) -> str:
     return f"{ends[0]:.{decimals}f} to {ends[1]:.{decimals}f}".replace("-", _MINUS)
 
 
-def in_unit(measure: Measure) -> str:
-    """What follows a measure's label at the head of a table: its unit in brackets, if it has one."""
-    return f" [{measure.unit}]" if measure.unit else ""
-
-
 def named(measure: Measure) -> str:
     """A measure's label within a sentence."""
     abbreviated = measure.label[:2].isupper() or measure.label.startswith("HumanEva")

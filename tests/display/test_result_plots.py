@@ -2,7 +2,6 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,12 +84,6 @@ def test_a_dogs_left_and_right_are_in_one_panel(tmp_path):
     assert (len(drawn["left"]), len(drawn["right"])) == (4, 4)  # a track and a bar for each foot
     words = "".join(ElementTree.parse(tmp_path / "angles.svg").getroot().itertext())
     assert "ForeKnee: x [°]" in words
-
-
-def test_a_body_without_angles_has_none_to_plot(tmp_path, walk):
-    bare = replace(walk, runs=(replace(walk.shown, angles={}),))
-    with pytest.raises(ValueError, match="joint angles"):
-        plot_angles(tmp_path / "angles.svg", bare)
 
 
 def test_a_folder_that_is_not_there(walk, tmp_path):

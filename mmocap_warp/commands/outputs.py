@@ -39,7 +39,7 @@ def releases_locks(command: Callable[Arguments, Answer]) -> Callable[Arguments, 
             return command(*arguments, **named)
         finally:
             _of_call.reset(before)
-            _release(locked)
+            release_locks(locked)
 
     return releasing
 
@@ -124,13 +124,9 @@ def lock(output: Path) -> None:
             os.close(opened)  # the process that had the lock removed the file before ours was locked
 
 
-def release_locks() -> None:
-    """Release all that this process has locked, and remove the lock files."""
-    _release(list(_locks))
-
-
-def _release(files: list[Path]) -> None:
-    for file in files:
+def release_locks(files: list[Path] | None = None) -> None:
+    """Release these or all that this process has locked, and remove the lock files."""
+    for file in list(_locks) if files is None else files:
         opened = _locks.pop(file)
         with suppress(OSError):  # on Windows, where another process may have opened the file by now
             if sys.platform != "win32":

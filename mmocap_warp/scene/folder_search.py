@@ -219,16 +219,14 @@ def _rank(file: Path) -> int | None:
     """The place of a readable file's format among those that are known; None where it is no calibration."""
     looks = {
         ".toml": _holds_cameras,
-        ".yml": lambda file: file.name == "intri.yml" and file.with_name("extri.yml").is_file(),
-        ".yaml": lambda file: False,
         ".json": lambda file: {"cameras", "camera_poses"} <= set(_file_values(file)),
         ".cal": _is_humaneva,
         **dict.fromkeys((".usd", ".usda", ".usdc"), _is_called_calibration),
     }
     look = looks.get(file.suffix.lower())
-    if file.name == "images.txt" or (file.name == "cameras.txt" and not file.with_name("images.txt").is_file()):
-        return None
-    if look is not None and not look(file):
+    beside = {"intri.yml": "extri.yml", "cameras.txt": "images.txt"}  # the first of a pair stands for both
+    is_half = file.name in beside and not file.with_name(beside[file.name]).is_file()
+    if file.name in beside.values() or is_half or (look is not None and not look(file)):
         return None
     return next((rank for rank, format in enumerate(CALIBRATIONS) if format.matches(file)), None)
 

@@ -45,15 +45,14 @@ def masks_by_program(
     _check_key(folder / "made_from.json", _key(scene, program, scale))
     names = [file_name(name, scene.path) for name in scene.calibrated.names]
     sizes = [(int(width), int(height)) for width, height in scene.rig(scale).size]
-    total, sources = scene.frame_count, []
+    total, every, sources = scene.frame_count, scene.frame_count * len(names), []
     with ThreadPoolExecutor(1) as pool:
         frames = [pool.submit(_write_frames, scene, k, scale, folder / "frames" / name) for k, name in enumerate(names)]
         try:
             for k, (source, name, size) in enumerate(zip(scene.cameras, names, sizes, strict=True)):
                 masks = folder / "masks" / name
                 masks.mkdir(parents=True, exist_ok=True)
-                at, of = k * total, len(names) * total
-                program.make(frames[k].result(), masks, size, lambda done, at=at, of=of: progress(at + done, of))
+                program.make(frames[k].result(), masks, size, lambda n: progress(len(sources) * total + n, every))
                 for frame in range(total):  # what the camera has no image of has an empty mask
                     if not (folder / "frames" / name / f"{frame:06d}.jpg").exists():
                         write_png(masks / f"{frame:06d}.png", np.zeros(size[::-1], bool))

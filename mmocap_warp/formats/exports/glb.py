@@ -161,12 +161,14 @@ def _joint_nodes(skeleton: Skeleton, stand: np.ndarray, first: int) -> list[dict
 
 
 def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
-    face = triangulated(skin.face)
+    face, rest = triangulated(skin.face), skin.rest.astype(float)
+    normal = vertex_normals(rest, face)
+    normal[~normal.any(axis=1)] = 0.0, 1.0, 0.0  # where there is no face
     weight = skin.weight / skin.weight.sum(axis=1, keepdims=True, dtype=float)
     return {
         "attributes": {
             "POSITION": buffer.add(skin.rest, "VEC3", _VERTICES),
-            "NORMAL": buffer.add(_normals(skin.rest.astype(float), face), "VEC3", _VERTICES),
+            "NORMAL": buffer.add(normal, "VEC3", _VERTICES),
             "JOINTS_0": buffer.add(np.where(weight > 0, skin.joint, 0).astype(np.uint16), "VEC4", _VERTICES),
             "WEIGHTS_0": buffer.add(weight, "VEC4", _VERTICES),
         },
@@ -195,9 +197,3 @@ def _quaternions(rotation: np.ndarray) -> np.ndarray:
     flips = np.where((quaternion[1:] * quaternion[:-1]).sum(axis=-1) < 0, -1.0, 1.0)
     quaternion[1:] *= np.cumprod(flips, axis=0)[..., None]
     return quaternion
-
-
-def _normals(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """(vertex, 3) unit vectors, the mean of the triangles around each by their areas; up where there are none."""
-    normal = vertex_normals(vertex, face)
-    return np.where(normal.any(axis=1, keepdims=True), normal, [0.0, 1.0, 0.0])

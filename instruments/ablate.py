@@ -369,7 +369,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if not given.quiet:
                 print(f"{done} of {len(cells)}: {cell}: {', '.join(shown)}", file=sys.stderr, flush=True)
 
-        lock(open_folder(given.folder))
+        open_folder(given.folder)
+        lock(given.folder)
         rows = run_ablation(given.folder, cells, report, track_with_seed)
         write_whole(given.folder / "ablation.csv", cells_table(rows).encode())
     except InputError as error:

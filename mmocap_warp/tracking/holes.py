@@ -1,7 +1,8 @@
 """Holes that open in masks from one frame to the next: what lies there is unknown, and may hide the subject.
 
 A segmenter that loses a trunk for a moment takes more away at once than any motion does. The hole is followed for as
-long as the body that is tracked is missing there.
+long as the body that is tracked is missing there. One that takes a quarter of the mask, such as the legs, goes with the
+body where two other views show where that is.
 """
 
 from __future__ import annotations
@@ -16,13 +17,19 @@ from mmocap_warp.masks.cleanup import around
 from mmocap_warp.masks.observation import Observation, pack_masks, unpack_masks
 from mmocap_warp.scene.recording import ViewMasks
 
-HOLE_SECONDS = 1.0
+HOLE_SECONDS = 10.0
 """A hole is followed for so long at most [s]."""
+LEAST_WHOLE = 2
+"""So many views without a hole show where a limb is."""
+_STILL_SECONDS = 1.0  # a hole that stays where it opened is followed for so long at most
 _RADIUS = 0.045  # of a disc that fits into a hole, as a share of the mask's extent: limbs are thinner
 _FASTEST = 1.15  # extents a second that such a disc may move, so that it vanishes from where it was
-_SMALLER = 0.5  # of what vanished, by how much the mask is smaller: what moved is elsewhere
-_MARGIN = 4.0  # of such discs' radius, by which a hole may be larger: an arm beside the trunk is in it, too
-_CLOSED = 0.25  # of what vanished, less than which the body misses where a hole has closed
+_LIMB_RADIUS = 0.012  # of a disc that fits into limbs, in the same measure
+_LARGE, _FASTEST_LARGE = 0.25, 4.0  # share of a mask that no motion takes away from a frame to the next, or in a second
+_SMALLER = 0.5  # share of what vanished by which the mask must shrink: what only moved is elsewhere in it
+_MARGIN = 4.0  # radii of such a disc by which a hole may be larger; an arm beside the trunk is in it, too
+_CLOSED = 0.25  # share of what vanished: if the body misses less, the hole has closed
+_LEFT = 0.75  # share of the body: if more of it is missing, it is not where the mask is
 
 BodyBefore = Callable[[int], ViewMasks]
 """From a position, the silhouettes (height, width) bool of the body as it was tracked in the frame before."""
@@ -30,20 +37,29 @@ BodyBefore = Callable[[int], ViewMasks]
 
 @dataclass(frozen=True, eq=False)
 class _Hole:
+    """A hole, which stays where it opened, or goes where the body goes."""
+
     view: int
     opened: int  # the frame's position
-    vanished: int  # what it took from the mask [px]
     core: tuple[int, int, int, int]  # rows from and to, columns from and to, of where middles of discs vanished
     margin: int  # by which it may go on beyond them [px]
     shown: np.ndarray  # (height, width) bool, where the mask has been since: no hole is there
+    vanished: int  # what it took from the mask [px]; of one that goes with the body, middles of discs
+    radius: float  # of these discs [px]; 0 of one that stays
 
     def followed(self, seen: Observation, silhouettes: ViewMasks) -> _Hole | None:
         """The hole in the next frame, where the tracked body has some silhouettes; None where it has closed."""
-        mask = _unpacked(seen.words[self.view])
-        shown, silhouette = self.shown | mask, silhouettes[self.view]
+        mask, silhouette = _unpacked(seen.words[self.view]), silhouettes[self.view]
         height, width = silhouette.shape
-        missing = silhouette & ~mask[:height, :width] & self.covered[:height, :width]
-        return replace(self, shown=shown) if np.count_nonzero(missing) >= _CLOSED * self.vanished else None
+        missing = silhouette & ~mask[:height, :width]
+        if not self.radius:
+            is_open = np.count_nonzero(missing & self.covered[:height, :width]) >= _CLOSED * self.vanished
+            return replace(self, shown=self.shown | mask) if is_open else None
+        middles = _middles(missing, self.radius)
+        if mask.any() and np.count_nonzero(missing) > _LEFT * np.count_nonzero(silhouette):
+            return None
+        is_open = np.count_nonzero(middles) >= _CLOSED * self.vanished
+        return replace(self, core=_box(middles), shown=mask) if is_open else None
 
     @property
     def covered(self) -> np.ndarray:
@@ -69,7 +85,8 @@ def with_holes(observations: Iterable[Observation], rate: float, body: BodyBefor
     before: Observation | None = None
     holes: list[_Hole] = []
     for place, seen in enumerate(observations):
-        holes = [hole for hole in holes if place - hole.opened < HOLE_SECONDS * rate]
+        longest = (HOLE_SECONDS if hole.radius else _STILL_SECONDS for hole in holes)
+        holes = [hole for hole, seconds in zip(holes, longest, strict=True) if place - hole.opened < seconds * rate]
         if holes:
             silhouettes = body(place)
             holes = [now for hole in holes if (now := hole.followed(seen, silhouettes))]
@@ -83,27 +100,41 @@ def _opened(before: Observation, seen: Observation, place: int, rate: float, bod
     """The holes in the tracked body that were not there in the frame before. What else vanishes was not the subject."""
     holes = []
     smaller = before.foreground - seen.foreground
+    large = smaller > max(_LARGE, _FASTEST_LARGE / rate) * before.foreground
+    is_seen = np.count_nonzero((seen.foreground > 0) & ~large) >= LEAST_WHOLE
     for k in np.flatnonzero((before.foreground > 0) & (seen.foreground > 0) & (smaller > 0)).tolist():
         rows, words = (np.flatnonzero(before.words[k].any(axis=axis)) for axis in (1, 0))
-        radius = max(_RADIUS, _FASTEST / rate) * max(np.ptp(rows), 32 * np.ptp(words))
+        extent = max(np.ptp(rows), 32 * np.ptp(words))
+        moves = large[k] and is_seen
+        radius = (_LIMB_RADIUS if moves else max(_RADIUS, _FASTEST / rate)) * extent
         if smaller[k] < np.pi * radius**2:  # nearly always: what follows is for few frames
             continue
         gone = before.words[k] & ~seen.words[k]
         vanished = int(np.bitwise_count(gone).sum())
         if smaller[k] < _SMALLER * vanished:
             continue
-        # Around what is gone nothing is: the box around it and a pixel more has all distances.
-        pixels = _unpacked(gone).view(np.uint8)
-        deep, box = np.zeros(pixels.shape, bool), around(pixels, 1)
-        deep[box] = cv2.distanceTransform(pixels[box], cv2.DIST_L2, 5) > radius
-        if deep.any():
+        if (deep := _middles(_unpacked(gone), radius)).any():
             silhouette = body(place)[k]
             deep = deep[: len(silhouette), : silhouette.shape[1]] & silhouette
         if deep.any():
-            x, y, width, height = cv2.boundingRect(deep.view(np.uint8))
-            core, margin = (y, y + height, x, x + width), round((1 + _MARGIN) * radius)
-            holes.append(_Hole(k, place, vanished, core, margin, _unpacked(seen.words[k])))
+            margin, shown = round((1 + _MARGIN) * radius), _unpacked(seen.words[k])
+            of_discs = (np.count_nonzero(deep), radius) if moves else (vanished, 0.0)
+            holes.append(_Hole(k, place, _box(deep), margin, shown, *of_discs))
     return holes
+
+
+def _middles(pixels: np.ndarray, radius: float) -> np.ndarray:
+    """(height, width) bool: middles of discs of a radius [px] that fit into pixels (height, width) bool."""
+    # Around the pixels nothing is: the box around them and a pixel more has all distances.
+    middles, box = np.zeros_like(pixels), around(pixels.view(np.uint8), 1)
+    middles[box] = cv2.distanceTransform(pixels.view(np.uint8)[box], cv2.DIST_L2, 5) > radius
+    return middles
+
+
+def _box(pixels: np.ndarray) -> tuple[int, int, int, int]:
+    """Rows from and to, and columns from and to, of pixels (height, width) bool."""
+    x, y, width, height = cv2.boundingRect(pixels.view(np.uint8))
+    return y, y + height, x, x + width
 
 
 def _hiding(seen: Observation, holes: list[_Hole]) -> Observation:

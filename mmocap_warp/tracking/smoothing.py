@@ -27,6 +27,7 @@ from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.shipped import deviation_factors
 from mmocap_warp.tracking.contour_state import LEVEL_FRAMES
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
+from mmocap_warp.tracking.holes import LEAST_WHOLE
 from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs, mirrored
 from mmocap_warp.tracking.pins import Pins
 from mmocap_warp.tracking.recovery_starts import RecoveryStarts
@@ -48,7 +49,6 @@ _OBSERVED = 8  # frames whose masks a GPU makes fields of at a time
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
 _HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]
 _UNSURE = 0.05  # deviation of a joint from which on holes in most masks may hide it [m], in a body like a person
-_LEAST_WHOLE = 2  # so many views without a hole show where a limb is
 _CROWDED_VIEWS = 0.5  # share of the views that show others from which on what a body leaves uncovered is theirs
 _DRIFT = 0.2  # seconds in which limbs drift off before a clip's end is lost, which no later frame tells of
 _FALL = 0.03  # overlap below that of the frames before from which a limb may be elsewhere for a moment
@@ -231,7 +231,7 @@ class _MaskWindow:
         self.reading += time.perf_counter() - started
         for frame, each in enumerate(observations, self._read):
             if each.holed is not None:
-                self.holed[frame] = np.sum((each.foreground > 0) & ~each.holed) < _LEAST_WHOLE
+                self.holed[frame] = np.sum((each.foreground > 0) & ~each.holed) < LEAST_WHOLE
         self._held[place : place + count] = observations
         self._fitter.observe_all(observations, place)
         self._read += count

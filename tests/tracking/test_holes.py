@@ -92,10 +92,45 @@ def test_a_hole_that_the_body_has_left_is_closed() -> None:
     assert [each.hidden is None for each in observations] == [True, False, True]
 
 
-def test_a_hole_is_followed_for_a_second_at_most() -> None:
-    frames = [person()] + [without_trunk()] * int(1.5 * HOLE_SECONDS * RATE)
-    open_for = sum(each.hidden is not None for each in followed(frames))
-    assert open_for == HOLE_SECONDS * RATE
+def holed(share: float) -> np.ndarray:
+    """(240, 200) bool: the person without a disc in the trunk, which takes less than such a share of it."""
+    mask = person()
+    cv2.circle(disc := np.zeros(mask.shape, np.uint8), (95, 85), 19, 1, -1)
+    mask[disc > 0] = False
+    assert person().sum() - mask.sum() < share * person().sum()
+    return mask
+
+
+@pytest.mark.parametrize("mask", [holed(0.25), without_trunk()])
+def test_a_hole_that_is_small_or_in_too_many_views_is_followed_for_a_second_where_it_opened(mask) -> None:
+    assert sum(each.hidden is not None for each in followed([person()] + [mask] * int(1.5 * RATE))) == RATE
+
+
+def legless(shift: int = 0) -> np.ndarray:
+    mask = person(shift)
+    mask[140:] = False
+    return mask
+
+
+@pytest.mark.parametrize("lost", [legless, without_trunk])
+def test_a_large_hole_goes_with_the_body_where_two_other_views_show_it(lost) -> None:
+    """Legs are thin, and are hidden as a trunk is."""
+    walks = [0, 0, *range(2, 60, 2), 58]
+    frames = [lost(shift) if 0 < place < len(walks) - 1 else person(shift) for place, shift in enumerate(walks)]
+    masks = (seen([frame, person(shift), person(shift)]) for frame, shift in zip(frames, walks, strict=True))
+    before, *observations, after = with_holes(masks, RATE, lambda place: [person(walks[place - 1])] * 3)
+    for shift, observation in zip(walks[1:-1], observations, strict=True):
+        missing = person(shift) & ~lost(shift)
+        assert observation.holed.tolist() == [True, False, False]
+        assert (unpack_masks(observation.hidden, SIZE[:1])[0] & missing).sum() > 0.9 * missing.sum()
+    assert before.hidden is None
+    assert after.hidden is None
+
+
+def test_a_large_hole_is_followed_for_ten_seconds_at_most() -> None:
+    frames = [person()] + [legless()] * int((HOLE_SECONDS + 1) * RATE)
+    masks = (seen([frame, person(), person()]) for frame in frames)
+    assert sum(each.hidden is not None for each in with_holes(masks, RATE, lambda _: [person()] * 3)) == 10 * RATE
 
 
 @pytest.mark.parametrize("rate", [60.0, 15.0])

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Self
 
 _MOST = 400  # characters of a source, a problem or a remedy that are shown
@@ -58,13 +58,13 @@ class UsageError(ValueError):
         return cls(f"--{name.replace('_', '-')} {rest}")
 
 
-def missing_package(path: object, package: str, purpose: str, extra: str, otherwise: str) -> InputError:
-    """The error of a file that cannot be ``purpose`` ("read", "written") without a package that is not installed.
+def needs_package(path: object, package: str, purpose: str, extra: str, otherwise: str) -> AbstractContextManager[None]:
+    """Let a failing import be an InputError: a file cannot be ``purpose`` ("read", "written") without its package.
 
     This program's ``extra`` installs it; ``otherwise`` says what else the user can do.
     """
     remedy = f'pip install "mmocap-warp[{extra}]", or {otherwise}'
-    return InputError(path, f"needs the package {package} to be {purpose}", remedy)
+    return input_errors(path, f"needs the package {package} to be {purpose}", remedy, ImportError)
 
 
 def _readable(text: str) -> str:

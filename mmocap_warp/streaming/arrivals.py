@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.device.cores import available_threads
-from mmocap_warp.errors import InputError, input_errors, missing_package
+from mmocap_warp.errors import InputError, input_errors, needs_package
 from mmocap_warp.masks.cleanup import clean_mask
 from mmocap_warp.masks.frames import decode_image, natural_order, read_file
 from mmocap_warp.masks.mask_files import decode_mask_image
@@ -209,10 +209,8 @@ def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
 
     An image is an image file's content; an empty one says that the camera sent nothing. ``{"end": true}`` ends.
     """
-    try:
+    with needs_package(address, "pyzmq", "read", "live", "give a folder that grows"):
         import zmq
-    except ImportError:
-        raise missing_package(address, "pyzmq", "read", "live", "give a folder that grows") from None
     see, names, number = _Seeing(scenes, scale), ", ".join(scenes[0].calibrated.names), -1
     remedy = f'send {{"frame": number, "time": seconds}} and an image of each of {names}'
     with zmq.Context() as context, context.socket(zmq.SUB) as socket:

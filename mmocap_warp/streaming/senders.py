@@ -22,7 +22,7 @@ from mmocap_warp.display.chart import COLOURS, colour_rules
 from mmocap_warp.display.overlay import Look
 from mmocap_warp.display.page.page_content import body_content, look_content
 from mmocap_warp.display.page.viewer import embedded, filled, resource
-from mmocap_warp.errors import InputError, UsageError, input_errors, missing_package
+from mmocap_warp.errors import InputError, UsageError, input_errors, needs_package
 from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
 from mmocap_warp.result.excerpt import quarter_turn
 from mmocap_warp.scene.mask_writing import TINTS
@@ -114,10 +114,8 @@ def _with_quaternions(place: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
 
 def _package(address: str, module: str, package: str) -> Any:
-    try:
+    with needs_package(address, package, "opened", "live", "leave that address out"):
         return import_module(module)
-    except ImportError:
-        raise missing_package(address, package, "opened", "live", "leave that address out") from None
 
 
 class _Zmq:

@@ -22,7 +22,7 @@ from mmocap_warp.body.model import Subject, bind_transforms, joint_transforms
 from mmocap_warp.body.posing import skin_positions
 from mmocap_warp.body.rotations import near_zyx_angles
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
-from mmocap_warp.errors import InputError, missing_package
+from mmocap_warp.errors import InputError, needs_package
 from mmocap_warp.result.excerpt import evenly
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.whole_file import whole_file, write_whole
@@ -40,11 +40,9 @@ def write_csv(result: Result, path: Path, joint_set: JointSet | None = None) -> 
 
 def write_parquet(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write the table with Arrow, in double precision."""
-    try:
+    with needs_package(path, "pyarrow", "written", "formats", "write a .csv"):
         import pyarrow
         from pyarrow import parquet
-    except ImportError:
-        raise missing_package(path, "pyarrow", "written", "formats", "write a .csv") from None
     table = pyarrow.table(_columns(result, joint_set))
     with whole_file(path) as unfinished:
         parquet.write_table(table, str(unfinished))
@@ -119,10 +117,8 @@ def write_c3d(result: Result, path: Path, joint_set: JointSet | None = None) -> 
     They have single precision, about 1e-7 m. The recording's frame 0 is the file's frame 1. ``POINT:X_SCREEN`` and
     ``Y_SCREEN`` say which way is up, for programs that ask.
     """
-    try:
+    with needs_package(path, "ezc3d", "written", "formats", "write a .trc"):
         import ezc3d
-    except ImportError:
-        raise missing_package(path, "ezc3d", "written", "formats", "write a .trc") from None
     tracks = best_run_tracks(result)
     names, points = tracks.points(joint_set)
     up, first = result.cameras.up, int(tracks.row_number[0])

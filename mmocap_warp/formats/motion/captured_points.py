@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.errors import InputError, input_errors, missing_package
+from mmocap_warp.errors import InputError, input_errors, needs_package
 from mmocap_warp.formats.sandbox import sandboxed
 from mmocap_warp.result.other_world import axes_turn
 from mmocap_warp.whole_file import read_text
@@ -77,10 +77,8 @@ def read_c3d(path: str | Path) -> PointTracks:
         InputError: ``ezc3d`` is not installed, the file is missing or no ``.c3d``, it holds no points, or its units
             are not known.
     """
-    try:
+    with needs_package(path, "ezc3d", "read", "humaneva", "pip install ezc3d"):
         import ezc3d
-    except ImportError:
-        raise missing_package(path, "ezc3d", "read", "humaneva", "pip install ezc3d") from None
     if not Path(path).is_file():
         raise InputError(path, "no such file", "check the path")
     kinds = OSError, RuntimeError, ValueError

@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 
-from mmocap_warp.errors import InputError, input_errors, missing_package
+from mmocap_warp.errors import InputError, input_errors, needs_package
 from mmocap_warp.formats.rigged.part_meshes import named_file, plain_xml, solid
 from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, chosen_character, rigid_skin, robot
 from mmocap_warp.whole_file import read_bytes
@@ -86,11 +86,9 @@ def _take_meshes(root: Element, path: Path, folder: Path) -> dict[str, bytes]:
 
 def _compiled(root: Element, files: dict[str, bytes], path: Path) -> Any:
     """MuJoCo's model. What MuJoCo warns of does not go to its log file, which would be in the current folder."""
-    try:
+    with needs_package(path, "mujoco-core", "read", "robots", "give a .urdf file"):
         import mujoco
         from mujoco import MjLogConfig  # since version 4
-    except ImportError:
-        raise missing_package(path, "mujoco-core", "read", "robots", "give a .urdf file") from None
     told, silent = MjLogConfig.get(), MjLogConfig.get()
     silent.logto_file = silent.logto_console = False
     MjLogConfig.set(silent)

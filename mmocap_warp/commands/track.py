@@ -281,6 +281,9 @@ def _again(
 ) -> Result:
     """A result of which some frames were solved anew: around pins, or those that the scene is ``loaded`` with."""
     result, path = result_from(again)
+    if result.cameras.names != loaded.calibrated.names:
+        problem = f"its cameras are {', '.join(result.cameras.names)}, not those of the scene"
+        raise InputError(path or "result", problem, "give the scene that it was tracked from")
     numbers = result.frame_numbers.tolist()
     chosen = [position for position, number in enumerate(numbers) if number in loaded.frames]
     span = range(chosen[0], chosen[-1] + 1) if 0 < len(chosen) < len(numbers) else None

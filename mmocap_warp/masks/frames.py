@@ -192,7 +192,8 @@ def images_in_order(names: list[str], source: Path) -> list[str]:
     if all(stem.isdecimal() for stem in stems):
         for previous, number in pairwise(map(int, stems)):
             if number != previous + 1:
-                raise InputError(source, f"image {previous + 1} is missing", "number the images without a gap")
+                wrong = f"two images have number {number}" if number == previous else f"image {previous + 1} is missing"
+                raise InputError(source, wrong, "number each image once, without a gap")
     return images
 
 

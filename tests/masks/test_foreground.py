@@ -93,7 +93,10 @@ def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / f"{i}.png"), np.full((2, 2), i, np.uint8))
     assert [int(image[0, 0]) for image in open_frames(tmp_path).read(2)] == list(range(2, 12))
     (tmp_path / "5.png").unlink()
-    with pytest.raises(InputError, match="image 5 is missing; number the images without a gap"):
+    with pytest.raises(InputError, match="image 5 is missing; number each image once, without a gap"):
+        open_frames(tmp_path)
+    cv2.imwrite(str(tmp_path / "1.jpg"), np.zeros((2, 2), np.uint8))
+    with pytest.raises(InputError, match="two images have number 1; number each image once"):
         open_frames(tmp_path)
 
 

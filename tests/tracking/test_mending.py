@@ -111,3 +111,11 @@ def test_what_is_solved_again_must_be_said(scene, sound):
         mm.track(scene, pins=[])
     with pytest.raises(UsageError, match="scale cannot be given with again"):
         mm.track(scene, again=sound, frames="3:5", scale=0.5)
+
+
+def test_a_result_of_other_cameras_is_refused(scene, sound):
+    fewer = replace(sound, cameras=sound.cameras.select(sound.cameras.names[:2]))
+    with pytest.raises(
+        InputError, match=f"its cameras are {', '.join(sound.cameras.names[:2])}, not those of the scene"
+    ):
+        mm.track(scene, again=fewer, frames="3:9")

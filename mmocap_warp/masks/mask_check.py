@@ -42,7 +42,7 @@ class MaskReport:
     """What all masks show."""
 
     views: dict[str, ViewReport]  # by camera name
-    volume: float  # of the hull of all views, median over the compared frames [m^3]; NaN where two views never agree
+    volume: float  # of the hull of all views, median over the compared frames [m^3]; NaN without any such frame
     faults: tuple[str, ...]  # a sentence for each thing that is wrong; empty where the masks can be tracked
 
 

@@ -22,7 +22,7 @@ def of_run(result: Result, run: int) -> Result:
 
 
 def before_smoothing(result: Result) -> Result:
-    """The track before it was smoothed, without what is known of the smoothed alone; a ValueError if it was not."""
+    """The track before it was smoothed, a ValueError if it was not. Cost, overlap and status are the smoothed one's."""
     if result.raw_pose is None:
         raise ValueError("the track was not smoothed, so it has no other")
     unknown: dict[str, Any] = dict.fromkeys(("raw_pose", "angle_sigma", "joint_sigma", "view_shift"))

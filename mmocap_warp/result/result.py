@@ -21,8 +21,8 @@ STATUS: tuple[str, ...] = ("tracked", "partial", "lost", "rescued", "interpolate
 
 Tracked: in the ordinary way, with all views. Partial: likewise, but a view was left out (its mask is empty), or a part
 of the body is in doubt: then its deviations are wide.
-Lost: not at all, the pose is carried over. Rescued: by a larger search or a new start. Interpolated: filled in
-afterwards from the frames around it. Repeated: likewise, because its images are those of the frame before.
+Lost: not at all; without any mask the pose is carried over. Rescued: by a larger search or a new start. Interpolated:
+filled in afterwards from the frames around it. Repeated: likewise, as its images are those of the frame before.
 """
 
 
@@ -31,7 +31,7 @@ class FrameAnswer:
     """What a frame's search found."""
 
     pose: np.ndarray  # (run, coordinate) float32
-    cost: np.ndarray  # (run,) float32; NaN when the frame is lost
+    cost: np.ndarray  # (run,) float32; NaN where no view shows anything
     iou: np.ndarray  # (run, camera) float64; NaN for a lost view
     evaluations: int  # spent by each run
     status: int | np.ndarray  # index into ``STATUS``, of all runs or (run,) int
@@ -48,7 +48,7 @@ class Result:
         fps: frames per second of the recording.
         frame_numbers: (frame,) int, the recording's own frame numbers.
         pose: (run, frame, coordinate) float64, poses: the answer, smoothed where the track was.
-        cost: (run, frame) float64, cost of the best pose; NaN for a lost frame.
+        cost: (run, frame) float64, cost of the best pose; NaN where no view shows anything.
         iou: (run, frame, camera) float64, intersection over union; NaN for a lost view.
         evaluations: (run, frame) int64, evaluations spent.
         status: (run, frame) int8, index into ``STATUS``.

@@ -15,7 +15,7 @@ LEVEL_FRAMES = 20
 """Frames that the usual overlap is taken over."""
 _LEAST_FRAMES = 4  # the usual overlap is known after so many frames
 _LEVEL_SHARE = 0.3  # share of a look's uncovered area in its new level
-_RAREST_LOOK = 4  # looks for a limb that is not found come so many times as rarely at most
+_RAREST_LOOK = 4  # looks for a limb that was not found become so many times rarer at most
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,8 +68,8 @@ class ContourTracker:
     Attributes:
         device: the Warp device.
         search: what finds starts for the contours; None where there is no search.
-        search_interval: frames from one that may be searched for to the next. Where that is more than one, frames are
-            that are lost, and not those that only fall short.
+        search_interval: frames from one that may be searched for to the next. If it is more than one, only lost frames
+            are searched for, not those that merely fall short.
 
     Raises:
         ValueError: the body has no model with so many degrees of freedom, or its tracking mesh is not closed.

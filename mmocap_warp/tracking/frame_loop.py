@@ -131,7 +131,7 @@ def track(
         resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
         accept_changed_code: continue also where another version of the program began; its frames stay as they are.
         progress: called after every frame, also once for each frame that was already done; for all of them once more
-            where tracking starts again without the views of frozen cameras.
+            where tracking starts again without the views of cameras that froze or were moved.
         smooth_progress: called with the number of frames whose poses are final, while the track is smoothed. A run
             that is resumed reads all masks again for that, and smooths its whole track anew.
 
@@ -240,28 +240,28 @@ def _finished(
     if beside and not whole:
         beside.close()  # else two threads smooth at once
 
-    def shown(pose: PoseBefore, left_out: np.ndarray) -> Iterator[Observation]:
+    def masks_without(left_out: np.ndarray, pose: PoseBefore) -> Iterator[Observation]:
         seen = with_hidden(masks(), result.subject, result.cameras, result.rate, pose)
         return (each.without(views) for each, views in zip(seen, left_out, strict=True)) if left_out.any() else seen
 
-    def again(why: str, views: np.ndarray) -> Result:
-        tracked = start_again(partial(shown, left_out=frozen | views))
+    def track_without(views: np.ndarray, why: str) -> Result:
+        tracked = start_again(partial(masks_without, frozen | views))
         begun = collect(result.subject, result.cameras, result.fps, config, tracked)
-        told, seconds = result.config | {why: views_by_name(result, views)}, result.seconds + begun.seconds
-        return replace(begun, frame_numbers=result.frame_numbers, config=told, seconds=seconds)
+        own, seconds = result.config | {why: views_by_name(result, views)}, result.seconds + begun.seconds
+        return replace(begun, frame_numbers=result.frame_numbers, config=own, seconds=seconds)
 
-    def judged(raw: Result, left_out: np.ndarray, whole: SmoothingBeside | SmoothingElsewhere | None = None) -> Result:
+    def finish(raw: Result, left_out: np.ndarray, whole: SmoothingBeside | SmoothingElsewhere | None = None) -> Result:
         status = np.where(at_once, STATUS.index("repeated"), raw.status).astype(raw.status.dtype)
-        result, seen = replace(raw, status=status), partial(shown, lambda at: raw.pose[:, at - 1], left_out)
+        result, seen = replace(raw, status=status), partial(masks_without, left_out, lambda at: raw.pose[:, at - 1])
         if config.acceleration:
             result = (whole and whole.of(result)) or smoothed(result, config, read_ahead(seen()), progress)
             gc.collect()  # what was smoothed holds itself, and with it the fields of a window
         return with_evidence(result, config, read_ahead(seen()))
 
-    result = judged(again("frozen_views", frozen) if frozen.any() else result, frozen, whole)
+    result = finish(track_without(frozen, "frozen_views") if frozen.any() else result, frozen, whole)
     moved = views_beside(result)
     moved &= (np.isfinite(result.iou[result.best_run]) & ~moved).sum(axis=1, keepdims=True) >= _LEAST_VIEWS
-    return judged(again("moved_views", moved), frozen | moved) if moved.any() else result
+    return finish(track_without(moved, "moved_views"), frozen | moved) if moved.any() else result
 
 
 def check_start(scene: Scene, subject: Subject) -> None:

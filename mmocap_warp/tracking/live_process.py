@@ -31,7 +31,7 @@ class LiveHere:
         self.close = self._tracker.close
 
     def wait(self) -> None:
-        """Nothing is to be waited for."""
+        """There is nothing to wait for."""
 
     def step(self, number: int, seen: Sequence[Observation]) -> Future[Answers]:
         """What was found."""
@@ -137,7 +137,7 @@ Trackers = Sequence[LiveHere | LiveProcess]
 
 
 def make_live(device: str, people: Sequence[tuple[Any, ...]]) -> Iterator[LiveHere | LiveProcess]:
-    """What tracks people, so many each; ``people`` are the first five arguments of a :class:`LiveTracker` each."""
+    """Trackers of all people, on a GPU of up to three each; a person is the first five arguments of a LiveTracker."""
     most = 1 if resolve_device(device) == "cpu" else _MOST_TOGETHER
     for first in range(0, len(people), most):
         yield LiveProcess(people[first : first + most]) if len(people) > 1 else LiveHere(*people[0])

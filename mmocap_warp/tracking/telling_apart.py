@@ -53,7 +53,7 @@ def told_apart(scene: Scene, subjects: Sequence[Subject], config: TrackConfig) -
 
 
 def doubted_together(results: Mapping[str, Result]) -> tuple[dict[str, Result], int]:
-    """Results of people who were told apart, of whom all are in doubt, as much, where one is, and in how many frames.
+    """The results of people who were told apart, with all in doubt where one is, and the number of such frames.
 
     What one's pose does not explain was given to another.
     """

@@ -29,7 +29,7 @@ _LARGE, _FASTEST_LARGE = 0.25, 4.0  # share of a mask that no motion takes away 
 _SMALLER = 0.5  # share of what vanished by which the mask must shrink: what only moved is elsewhere in it
 _MARGIN = 4.0  # radii of such a disc by which a hole may be larger; an arm beside the trunk is in it, too
 _CLOSED = 0.25  # share of what vanished: if the body misses less, the hole has closed
-_LEFT = 0.75  # share of the body: if more of it is missing, it is not where the mask is
+_GONE = 0.75  # share of the body: if more of it is missing, it is not where the mask is
 
 BodyBefore = Callable[[int], ViewMasks]
 """From a position, the silhouettes (height, width) bool of the body as it was tracked in the frame before."""
@@ -56,7 +56,7 @@ class _Hole:
             is_open = np.count_nonzero(missing & self.covered[:height, :width]) >= _CLOSED * self.vanished
             return replace(self, shown=self.shown | mask) if is_open else None
         middles = _middles(missing, self.radius)
-        if mask.any() and np.count_nonzero(missing) > _LEFT * np.count_nonzero(silhouette):
+        if mask.any() and np.count_nonzero(missing) > _GONE * np.count_nonzero(silhouette):
             return None
         is_open = np.count_nonzero(middles) >= _CLOSED * self.vanished
         return replace(self, core=_box(middles), shown=mask) if is_open else None
@@ -105,21 +105,20 @@ def _opened(before: Observation, seen: Observation, place: int, rate: float, bod
     for k in np.flatnonzero((before.foreground > 0) & (seen.foreground > 0) & (smaller > 0)).tolist():
         rows, words = (np.flatnonzero(before.words[k].any(axis=axis)) for axis in (1, 0))
         extent = max(np.ptp(rows), 32 * np.ptp(words))
-        moves = large[k] and is_seen
-        radius = (_LIMB_RADIUS if moves else max(_RADIUS, _FASTEST / rate)) * extent
-        if smaller[k] < np.pi * radius**2:  # nearly always: what follows is for few frames
+        trunk, may_move = max(_RADIUS, _FASTEST / rate) * extent, large[k] and is_seen
+        if smaller[k] < np.pi * trunk**2 and not may_move:  # nearly always: what follows is for few frames
             continue
-        gone = before.words[k] & ~seen.words[k]
-        vanished = int(np.bitwise_count(gone).sum())
-        if smaller[k] < _SMALLER * vanished:
+        gone = _unpacked(before.words[k] & ~seen.words[k])
+        if smaller[k] < _SMALLER * np.count_nonzero(gone):
             continue
-        if (deep := _middles(_unpacked(gone), radius)).any():
-            silhouette = body(place)[k]
-            deep = deep[: len(silhouette), : silhouette.shape[1]] & silhouette
+        silhouette, shown = body(place)[k], _unpacked(seen.words[k])
+        within = slice(len(silhouette)), slice(silhouette.shape[1])
+        moves = may_move and np.count_nonzero(silhouette & ~shown[within]) <= _GONE * np.count_nonzero(silhouette)
+        radius = _LIMB_RADIUS * extent if moves else trunk
+        deep = _middles(gone, radius)[within] & silhouette
         if deep.any():
-            margin, shown = round((1 + _MARGIN) * radius), _unpacked(seen.words[k])
-            of_discs = (np.count_nonzero(deep), radius) if moves else (vanished, 0.0)
-            holes.append(_Hole(k, place, _box(deep), margin, shown, *of_discs))
+            of_discs = (np.count_nonzero(deep), radius) if moves else (np.count_nonzero(gone), 0.0)
+            holes.append(_Hole(k, place, _box(deep), round((1 + _MARGIN) * radius), shown, *of_discs))
     return holes
 
 

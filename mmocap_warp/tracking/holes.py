@@ -117,7 +117,7 @@ def _opened(before: Observation, seen: Observation, place: int, rate: float, bod
         radius = _LIMB_RADIUS * extent if moves else trunk
         deep = _middles(gone, radius)[within] & silhouette
         if deep.any():
-            of_discs = (np.count_nonzero(deep), radius) if moves else (np.count_nonzero(gone), 0.0)
+            of_discs = (int(deep.sum()), radius) if moves else (int(gone.sum()), 0.0)
             holes.append(_Hole(k, place, _box(deep), round((1 + _MARGIN) * radius), shown, *of_discs))
     return holes
 

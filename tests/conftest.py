@@ -14,6 +14,7 @@ import importlib.metadata
 import importlib.util
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,10 @@ import warp as wp
 from browser import find_browser
 
 from mmocap_warp.device.cores import available_threads
+
+# A shell's background jobs ignore Ctrl-C, and so would the processes that tests send it to: they would wait for ever.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 gc.disable()  # thousands of tests are collected, and none of them is garbage
 

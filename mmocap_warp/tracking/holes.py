@@ -1,7 +1,7 @@
 """Holes that open in masks from one frame to the next: what lies there is unknown, and may hide the subject.
 
 A segmenter that loses a trunk for a moment takes more away at once than any motion does. The hole is followed for as
-long as the body that is tracked is missing there. One that takes a quarter of the mask, such as the legs, goes with the
+long as the body that is tracked is missing there. One that takes 27 % of the mask, such as the legs, goes with the
 body where two other views show where that is.
 """
 
@@ -25,7 +25,7 @@ _STILL_SECONDS = 1.0  # a hole that stays where it opened is followed for so lon
 _RADIUS = 0.045  # of a disc that fits into a hole, as a share of the mask's extent: limbs are thinner
 _FASTEST = 1.15  # extents a second that such a disc may move, so that it vanishes from where it was
 _LIMB_RADIUS = 0.012  # of a disc that fits into limbs, in the same measure
-_LARGE, _FASTEST_LARGE = 0.25, 4.0  # share of a mask that no motion takes away from a frame to the next, or in a second
+_LARGE, _FASTEST_LARGE = 0.27, 4.0  # share of a mask that no motion takes away from a frame to the next, or in a second
 _SMALLER = 0.5  # share of what vanished by which the mask must shrink: what only moved is elsewhere in it
 _MARGIN = 4.0  # radii of such a disc by which a hole may be larger; an arm beside the trunk is in it, too
 _CLOSED = 0.25  # share of what vanished: if the body misses less, the hole has closed

@@ -120,7 +120,8 @@ def test_panoptic(tmp_path, capsys):
 
 def test_words_about_a_recording_stay_in_their_comment(tmp_path):
     write_panoptic(tmp_path / "made")
-    scene = mm.import_dataset("panoptic", tmp_path / "made", [], tmp_path / "scene")
+    with pytest.warns(UserWarning, match="the truth is person 7"):
+        scene = mm.import_dataset("panoptic", tmp_path / "made", [], tmp_path / "scene")
     assert mm.load_scene(replace(scene, about=("a\nb",)).write(tmp_path / "scene")).name == "made"
 
 

@@ -2,82 +2,28 @@
 
 from __future__ import annotations
 
-from concurrent.futures import wait
-from contextlib import closing
 from dataclasses import replace
-from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from random_scenes import perfect_masks
-from recordings import write_recording
-from synthetic import SKELETON, ring_rig, synthetic_subject
+from swinging import CONFIG, FPS, FRAMES, RIG, SUBJECT, hidden, joint_errors, rough_track, swinging
+from synthetic import SKELETON, ring_rig
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import joint_positions
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.contour.clip import clip_problem as clip
-from mmocap_warp.formats.usd.usd_body import read_subject
-from mmocap_warp.masks.observation import KeptObservations, Observation, unpack_masks
-from mmocap_warp.result.result import STATUS, FrameAnswer, Result
+from mmocap_warp.masks.observation import Observation, unpack_masks
+from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.rigging.shipped import load_body
-from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.tracking import smoothing, smoothing_beside
+from mmocap_warp.tracking import smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.frame_loop import collect, track, track_observations
+from mmocap_warp.tracking.frame_loop import collect, track_observations
 from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.smoothing import smoothed
-from mmocap_warp.tracking.smoothing_beside import SmoothingBeside, SmoothingElsewhere
 from mmocap_warp.tracking.track_config import TrackConfig
-
-RIG = ring_rig(cameras=4, size=(240, 180))
-SUBJECT = synthetic_subject()
-FPS = 60.0
-FRAMES = 24
-NOISE = 0.03  # of the track's angles [rad]
-CONFIG = TrackConfig(device="cpu", threads=1, smooth=10.8)
-
-
-@cache
-def swinging() -> tuple[np.ndarray, list[Observation]]:
-    """Poses (frame, coordinate) of joints that swing back and forth, and what is seen of them."""
-    time = np.arange(FRAMES)[:, None] / FPS
-    index = SKELETON.searched()
-    rng = np.random.default_rng(2)
-    truth = np.tile(SUBJECT.pose, (FRAMES, 1))
-    swing = np.where(index < 3, 0.03, 0.15) * np.sin(2 * np.pi * time + rng.uniform(0, 2 * np.pi, len(index)))
-    limits = SKELETON.coordinate_limits[index]
-    truth[:, index] = np.clip(truth[:, index] + swing, *limits.T)
-    return truth, [Observation.from_masks(list(perfect_masks(SUBJECT, RIG, pose))) for pose in truth]
-
-
-def rough_track(runs: int = 1, lost: tuple[int, ...] = (), config: TrackConfig = CONFIG) -> Result:
-    """A track that errs by noise, with the last pose carried over in the frames that are ``lost``."""
-    truth, _ = swinging()
-    index = SKELETON.searched()
-    pose = np.repeat(truth[:, None], runs, axis=1)
-    pose[..., index] += np.random.default_rng(1).normal(0, NOISE, (FRAMES, runs, len(index)))
-    answers = []
-    for frame in range(FRAMES):
-        if frame in lost and frame:
-            pose[frame] = pose[frame - 1]
-        iou = np.full((runs, len(RIG)), np.nan if frame in lost else 0.5)
-        status = STATUS.index("lost" if frame in lost else "tracked")
-        answers.append(FrameAnswer(pose[frame], np.zeros(runs), iou, 1, status, 0.0))
-    return collect(SUBJECT, RIG, FPS, replace(config, runs=runs), answers)
-
-
-def joint_errors(pose: np.ndarray) -> np.ndarray:
-    """(frame, joint) [m]"""
-    truth, _ = swinging()
-    return np.linalg.norm(joint_positions(SUBJECT, pose) - joint_positions(SUBJECT, truth), axis=-1)
-
-
-def hidden(seen: list[Observation], lost: tuple[int, ...]) -> list[Observation]:
-    """The observations, with nothing in some frames."""
-    empty = [np.zeros((height, width), bool) for width, height in RIG.size]
-    return [Observation.from_masks(empty) if frame in lost else each for frame, each in enumerate(seen)]
 
 
 def test_the_clip_is_nearer_the_truth_than_its_frames():
@@ -292,183 +238,3 @@ def test_tracking_smooths_where_it_is_told_to():
 def joint_errors_of(pose: np.ndarray) -> float:
     truth = swinging()[0][: len(pose)]
     return float(np.linalg.norm(joint_positions(SUBJECT, pose) - joint_positions(SUBJECT, truth), axis=-1).mean())
-
-
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory):
-    """A recording whose masks follow the tracked body; with its true body and first pose."""
-    folder = tmp_path_factory.mktemp("smoothing") / "walk"
-    write_recording(folder)
-    scene = load_scene(folder)
-    follows = replace(scene.foreground, keep="nearest")
-    return replace(scene, foreground=follows), read_subject(folder / "subject.usdc")
-
-
-def test_interrupted_while_it_is_smoothed_a_run_ends_with_the_same_bits(walk, tmp_path, monkeypatch):
-    scene, subject = walk
-    config = TrackConfig("cmaes", evaluations=20, device="cpu", scale=0.5, smooth=10.8)
-    whole = track(scene, subject, config)
-
-    def interrupt(_):
-        raise KeyboardInterrupt
-
-    path = tmp_path / "checkpoint"
-    with pytest.raises(KeyboardInterrupt):
-        track(scene, subject, config, checkpoint=path, smooth_progress=interrupt)
-    with monkeypatch.context() as patched:
-        patched.setattr("mmocap_warp.tracking.tracker.Tracker.step", None)  # no frame is searched again
-        again = track(scene, subject, config, checkpoint=path, resume=True)
-    for name in ("pose", "raw_pose", "cost", "iou", "status", "angle_sigma", "joint_sigma"):
-        np.testing.assert_array_equal(getattr(whole, name), getattr(again, name), err_msg=name)
-
-
-@pytest.mark.parametrize("frames", [FRAMES, 1, 2])
-def test_smoothed_while_it_is_tracked_a_clip_has_the_same_bits(monkeypatch, frames):
-    monkeypatch.setattr(clip, "WINDOW", 8 / FPS)
-    for module in clip, smoothing:
-        monkeypatch.setattr(module, "AHEAD", 2 / FPS)
-    monkeypatch.setattr(clip, "OVERLAP", 3 / FPS)
-    seen, config = swinging()[1][:frames], replace(CONFIG, threads=2)
-    track = rough_track(lost=(5, 6, 20, 23) if frames > 2 else ())
-    names = ("pose", "cost", "iou", "status")
-    track = replace(
-        track, frame_numbers=np.arange(frames), evaluations=track.evaluations[:, :frames],
-        **{name: getattr(track, name)[:, :frames] for name in names},
-    )  # fmt: skip
-    whole = smoothed(track, config, seen)
-    # What is read too early is wrong.
-    blank = {name: np.full_like(getattr(track, name), np.nan) for name in names[:3]}
-    room = replace(track, status=np.full_like(track.status, STATUS.index("lost")), **blank)
-    with KeptObservations() as kept, closing(SmoothingBeside(kept, None)) as beside:
-        beside.begin(room, config)
-        for frame, observation in enumerate(seen):
-            kept.add(observation)
-            columns = (getattr(track, name)[:, frame] for name in names[:3])
-            beside.add(frame, FrameAnswer(*columns, 1, track.status[:, frame], 0.0))
-        result = beside.of(track)
-    for name, array in whole.arrays.items():
-        np.testing.assert_array_equal(getattr(result, name), array, err_msg=name)
-
-
-def test_an_error_of_the_smoothing_stops_the_track_at_the_next_frame(monkeypatch):
-    def broken(raw, config, observations, progress):
-        next(observations)
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(smoothing_beside, "smoothed", broken)
-    seen, track = swinging()[1], rough_track()
-    answers = [FrameAnswer(pose, *(np.ones(1),) * 2, 1, 0, 0.0) for pose in np.moveaxis(track.pose, 1, 0)]
-    with KeptObservations() as kept, closing(SmoothingBeside(kept, None)) as beside:
-        beside.begin(track, CONFIG)
-        for frame in range(2):
-            kept.add(seen[frame])
-            beside.add(frame, answers[frame])
-        wait([beside._smoothed])
-        with pytest.raises(ZeroDivisionError):
-            beside.add(2, answers[2])
-
-
-def test_a_track_goes_on_without_what_smooths_it_where_the_disk_is_full(monkeypatch):
-    seen, track = swinging()[1], rough_track()
-    answers = [FrameAnswer(pose, *(np.ones(1),) * 2, 1, 0, 0.0) for pose in np.moveaxis(track.pose, 1, 0)]
-    with KeptObservations() as kept, closing(SmoothingBeside(kept, None)) as beside:
-        beside.begin(track, CONFIG)
-        kept.add(seen[0])
-        beside.add(0, answers[0])
-        monkeypatch.setattr(kept, "_file", SimpleNamespace(seek=full, close=lambda: None))
-        for frame in (1, 2):
-            kept.add(seen[frame])
-            beside.add(frame, answers[frame])
-        wait([beside._smoothed])
-        beside.add(3, answers[3])
-    assert len(kept) == 0
-
-
-def full(*_: object) -> None:
-    raise OSError(28, "No space left on device")
-
-
-def test_an_interrupted_track_leaves_no_thread_waiting():
-    seen, track = swinging()[1], rough_track()
-    with KeptObservations() as kept, closing(SmoothingBeside(kept, None)) as beside:
-        beside.begin(track, CONFIG)
-        kept.add(seen[0])
-    with pytest.raises(InterruptedError):
-        beside._smoothed.result(timeout=60)
-
-
-def test_another_process_smooths_a_growing_track_to_the_same_bits():
-    seen, track, done = swinging()[1], rough_track(lost=(5, 6)), []
-    whole = smoothed(track, CONFIG, seen)
-    room = replace(track, pose=np.full_like(track.pose, np.nan))
-    with KeptObservations() as kept, closing(SmoothingElsewhere(kept, done.append)) as beside:
-        beside.begin(room, CONFIG)
-        for frame, observation in enumerate(seen):
-            kept.add(observation)
-            columns = (getattr(track, name)[:, frame] for name in ("pose", "cost", "iou"))
-            beside.add(frame, FrameAnswer(*columns, 1, track.status[:, frame], 0.0))
-        result = beside.of(track)
-    assert done[-1:] in ([], [FRAMES])  # what was done before the last frame came is not told
-    assert beside._process.returncode is not None
-    beside.close()  # again, as after frames that repeat
-    for name, array in whole.arrays.items():
-        np.testing.assert_array_equal(getattr(result, name), array, err_msg=name)
-
-
-@pytest.mark.parametrize("fails", [True, False])
-def test_a_long_track_is_smoothed_by_another_process_or_else_afterwards(monkeypatch, walk, fails):
-    scene, subject = walk
-    config = TrackConfig(device="cpu", scale=0.5, threads=2)
-    whole = track(scene, subject, config)
-    monkeypatch.setattr(smoothing_beside, "_LEAST_FRAMES", 1)
-    answers = []
-
-    def of(self, tracked, of=SmoothingElsewhere.of):
-        if fails:
-            self._process.kill()
-        answers.append(of(self, tracked))
-        return answers[-1]
-
-    monkeypatch.setattr(SmoothingElsewhere, "of", of)
-    again = track(scene, subject, config)
-    assert [answer is None for answer in answers] == [fails]
-    for name in ("pose", "raw_pose", "cost", "iou", "status", "angle_sigma", "joint_sigma"):
-        np.testing.assert_array_equal(getattr(whole, name), getattr(again, name), err_msg=name)
-
-
-def test_what_cannot_be_handed_on_lets_no_track_wait():
-    seen, track = swinging()[1], rough_track()
-    with KeptObservations() as kept, closing(SmoothingElsewhere(kept, None)) as beside:
-        beside.begin(track, CONFIG)
-        kept.add(seen[0])
-        beside.add(0, lambda: None)  # no process can be told of a function without a name
-        assert beside.of(track) is None
-
-
-@pytest.mark.parametrize(
-    ("frames", "settings", "kind"),
-    [
-        (240, {}, SmoothingElsewhere),
-        (239, {}, SmoothingBeside),
-        (240, {"threads": 1}, type(None)),
-        (240, {"smooth": 0.0}, type(None)),
-    ],
-)
-def test_what_smooths_a_track_beside_it(frames, settings, kind):
-    config = TrackConfig(**{"device": "cpu", "threads": 2} | settings)
-    with KeptObservations() as kept, smoothing_beside.smoothing_beside(frames, config, kept, None) as beside:
-        assert type(beside) is kind
-
-
-def test_a_track_that_fails_leaves_no_process(monkeypatch, walk):
-    monkeypatch.setattr(smoothing_beside, "_LEAST_FRAMES", 1)
-    processes = []
-    begin = SmoothingElsewhere.begin
-    monkeypatch.setattr(SmoothingElsewhere, "begin", lambda self, *room: (processes.append(self), begin(self, *room)))
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        track(*walk, TrackConfig(device="cpu", scale=0.5, threads=2), progress=interrupt)
-    assert [each._process.returncode is not None for each in processes] == [True]

@@ -58,11 +58,11 @@ def make_sequences(
         raise UsageError(f"--clip needs a --sequence of {', '.join(SEQUENCES)}, got {sequences[0]}")
     if seed < 0:
         raise UsageError(f"--seed must be at least 0, got {seed}")
-    given, chosen = CLIPS if clip is None else {sequences[0]: clip_sequence(sequences[0], clip)}, {}
+    given = CLIPS if clip is None else {sequences[0]: clip_sequence(sequences[0], clip)}
+    chosen = {name: given[name].first(frames) for name in sequences or tuple(SEQUENCES)}
     try:
-        for name in sequences or tuple(SEQUENCES):
-            chosen[name] = given[name].first(frames)
-            degraded(open_sequence(chosen[name]), degrade, seed)  # refused before anything is written
+        for made in chosen.values() if degrade != NONE else ():  # refused before anything is written
+            degraded(open_sequence(made), degrade, seed)
     except ValueError as error:
         raise UsageError(f"--degrade: {error}") from None
     people = {name.split("/")[0] for name in sequences}

@@ -55,9 +55,9 @@ class _Hole:
         if not self.radius:
             is_open = np.count_nonzero(missing & self.covered[:height, :width]) >= _CLOSED * self.vanished
             return replace(self, shown=self.shown | mask) if is_open else None
-        middles = _middles(missing, self.radius)
         if mask.any() and np.count_nonzero(missing) > _GONE * np.count_nonzero(silhouette):
             return None
+        middles = _middles(missing, self.radius)
         is_open = np.count_nonzero(middles) >= _CLOSED * self.vanished
         return replace(self, core=_box(middles), shown=mask) if is_open else None
 

@@ -29,37 +29,35 @@ def piece_of(face: np.ndarray) -> MeshPiece:
 
 
 def mesh_edges(face: np.ndarray) -> np.ndarray:
-    """The edges of triangles (m, 3), each with the triangles on its two sides.
+    """(edge, 4) int32, the edges of faces (m, corner): two vertices, and the faces on the two sides.
 
-    Returns:
-        (edge, 4) int32: two vertices, the triangle in which the second follows the first, and the triangle in which
-        it precedes it, or -1. Where more than two triangles meet at an edge, they are paired as far as they go.
+    In the first of these faces the second vertex follows the first, in the other it precedes it; there may be none, -1.
+    Where more than two faces meet at an edge, they are paired as far as they go.
     """
-    triangle = np.tile(np.arange(len(face)), 3)
-    start, end = face[:, [0, 1, 2]].T.ravel(), face[:, [1, 2, 0]].T.ravel()
+    owner = np.tile(np.arange(len(face)), face.shape[1])
+    start, end = face.T.ravel(), np.roll(face, -1, axis=1).T.ravel()
     forward, backward = start.astype(np.int64) << 32 | end, end.astype(np.int64) << 32 | start
     order = np.argsort(forward)
     if np.any(np.diff(forward[order]) == 0):
-        return _paired_one_by_one(start, end, triangle)
-
-    # No two triangles run along an edge in the same sense, so that each has one partner at most.
+        return _paired_one_by_one(start, end, owner)
+    # No two faces run along an edge in the same sense, so that each has one partner at most.
     place = order[np.minimum(np.searchsorted(forward, backward, sorter=order), len(order) - 1)] if len(order) else order
     paired = forward[place] == backward
     first = ~paired | (np.arange(len(order)) < place)
-    return np.stack([start, end, triangle, np.where(paired, triangle[place], -1)], axis=1)[first].astype(np.int32)
+    return np.stack([start, end, owner, np.where(paired, owner[place], -1)], axis=1)[first].astype(np.int32)
 
 
-def _paired_one_by_one(start: np.ndarray, end: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-    """:func:`mesh_edges` where more than two triangles meet at some edge: of the sides (3 m,) of all triangles."""
+def _paired_one_by_one(start: np.ndarray, end: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """:func:`mesh_edges` where more than two faces meet at some edge: of the sides (corner * m,) of all faces."""
     waiting: dict[tuple[int, int], list[int]] = {}
     edges: list[list[int]] = []
-    for a, b, t in zip(start.tolist(), end.tolist(), triangle.tolist(), strict=True):
+    for a, b, f in zip(start.tolist(), end.tolist(), owner.tolist(), strict=True):
         partners = waiting.get((b, a))
         if partners:
-            edges[partners.pop()][3] = t
+            edges[partners.pop()][3] = f
         else:
             waiting.setdefault((a, b), []).append(len(edges))
-            edges.append([a, b, t, -1])
+            edges.append([a, b, f, -1])
     return np.array(edges, np.int32).reshape(-1, 4)
 
 

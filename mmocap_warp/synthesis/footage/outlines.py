@@ -11,6 +11,7 @@ from typing import Self
 
 import numpy as np
 
+from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.cameras.rig import CameraRig, to_pixels
 
 
@@ -21,21 +22,13 @@ class Surface:
     face: np.ndarray  # (face, corner) int, counter-clockwise seen from outside; triangles or quads
     edge: np.ndarray  # (edge, 2) int, vertices from and to
     left: np.ndarray  # (edge,) int, the face that runs along the edge
-    right: np.ndarray  # (edge,) int, the face that runs against it; ``len(face)`` where the mesh ends
+    right: np.ndarray  # (edge,) int, the face that runs against it; -1 where the mesh ends
 
     @classmethod
     def of(cls, face: np.ndarray) -> Self:
         """The edges of a mesh in which at most two faces meet at an edge, and run along it in opposite directions."""
-        edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
-        owner = np.repeat(np.arange(len(face)), face.shape[1])
-        size = int(face.max()) + 1
-        key, against = edge @ (size, 1), edge @ (1, size)
-        order = np.argsort(key)
-        place = np.minimum(np.searchsorted(key[order], against), len(key) - 1)
-        has_twin = key[order][place] == against
-        twin = np.where(has_twin, owner[order[place]], len(face))
-        once = ~has_twin | (edge[:, 0] < edge[:, 1])
-        return cls(face, edge[once], owner[once], twin[once])
+        edge = mesh_edges(face)
+        return cls(face, edge[:, :2], edge[:, 2], edge[:, 3])
 
     def facing(self, vertices: np.ndarray, viewers: np.ndarray) -> np.ndarray:
         """(viewer, face) bool: whether a face of vertices (vertex, 3) is seen from outside, by viewers (viewer, 3)."""
@@ -46,7 +39,7 @@ class Surface:
 
     def contour(self, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The edges (n, 2) where ``facing`` (face,) changes, and their sign (n,): +1 if the left face is seen."""
-        seen = np.append(facing, False).astype(np.int8)
+        seen = np.append(facing, False).astype(np.int8)  # the last is of no face, beyond the mesh's end
         sign = seen[self.left] - seen[self.right]
         there = np.flatnonzero(sign)
         return self.edge[there], sign[there]

@@ -14,7 +14,7 @@ import hashlib
 import io
 import os
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import encode_png
 from mmocap_warp.formats.toml_table import Table, load_toml, toml_value
 from mmocap_warp.masks.mask_files import list_tar, read_member
-from mmocap_warp.whole_file import write_whole
+from mmocap_warp.whole_file import whole_file, write_whole
 
 MARK_NAME = "masks.toml"  # of the file, in the folder of a camera's masks
 
@@ -107,10 +107,7 @@ _KEY = "made_from"  # the first member's name; it holds the key
 def stored_masks(path: Path, key: str, first: int, count: int) -> Iterator[np.ndarray | None] | None:
     """The masks of frames ``first`` to ``first + count - 1`` in a camera's file; None where they are not stored.
 
-    ``key`` says all that the masks were made from.
-
-    Returns:
-        Per frame (height, width) bool, None where the camera has no image.
+    Each is (height, width) bool, or None where the camera has no image. ``key`` says all that they were made from.
     """
     try:
         head, *members = list_tar(path)
@@ -138,39 +135,27 @@ def store_masks(path: Path, key: str, count: int, masks: Iterator[np.ndarray | N
 
     If the folder or disk is full, nothing is stored and nothing is said: tracking works without it.
     """
-    unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    archive: tarfile.TarFile | None = None
-
-    def add(name: str, data: bytes) -> None:
-        """Add a member; the archive is given up where there is no room for it."""
-        nonlocal archive
-        if archive is None:
-            return
-        member = tarfile.TarInfo(name)
-        member.size = len(data)
-        try:
-            archive.addfile(member, io.BytesIO(data))
-        except OSError:
-            with contextlib.suppress(OSError):
-                archive.close()
-            archive = None
-
-    try:
-        with contextlib.suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            archive = tarfile.open(unfinished, "w")  # noqa: SIM115
-        add(_KEY, key.encode())
-        for frame, mask in enumerate(masks):
-            if mask is not None and archive is not None:
-                add(f"{frame:06d}.png", encode_png(mask))
-            if frame + 1 == count and archive is not None:
-                with contextlib.suppress(OSError):
-                    archive.close()
-                    os.replace(unfinished, path)
+    archive = _archive(path, key, count)
+    next(archive, None)
+    with contextlib.closing(archive):
+        for mask in masks:
+            with contextlib.suppress(StopIteration):  # all are stored, or there is no room
+                archive.send(mask)
             yield mask
-    finally:
-        with contextlib.suppress(OSError):  # a full disk has no room for the archive's end either
-            if archive is not None:
-                archive.close()
-        with contextlib.suppress(OSError):
-            unfinished.unlink(missing_ok=True)
+
+
+def _archive(path: Path, key: str, count: int) -> Generator[None, np.ndarray | None]:
+    """Store masks of ``count`` frames as they are sent; it ends after the last one, or where there is no room."""
+    with contextlib.suppress(OSError, InputError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as unfinished, tarfile.open(unfinished, "w") as archive:
+            _add(archive, _KEY, key.encode())
+            for frame in range(count):
+                if (mask := (yield)) is not None:
+                    _add(archive, f"{frame:06d}.png", encode_png(mask))
+
+
+def _add(archive: tarfile.TarFile, name: str, data: bytes) -> None:
+    member = tarfile.TarInfo(name)
+    member.size = len(data)
+    archive.addfile(member, io.BytesIO(data))

@@ -122,7 +122,11 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
     unit = extent / _PERSON if 0 < extent < _SMALL else 1.0  # not of views that meet behind the cameras
     rig = rig.in_unit(unit)
     subject = meeting_point(rig, masks)
-    hit, possible = _votes(rig, masks, subject)
+    # Of each camera and voxel: seen as foreground; and foreground or outside of the image.
+    along = np.arange(-_GRID_REACH, _GRID_REACH, _SPACING)
+    voxels = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3) + subject
+    shown = np.array([seen_at(rig, k, voxels, mask, -1)[1] for k, mask in enumerate(masks)])
+    hit, possible = shown > 0, shown != 0
     for k in seen if len(seen) > 2 else ():
         others = [j for j in seen if j != k]
         hull = _hull_of(hit, possible, others)
@@ -140,14 +144,6 @@ def _extent(rig: CameraRig, masks: list[np.ndarray], seen: list[int]) -> float:
     depth = rig.R[:, 2] @ meeting_point(rig, masks) + rig.t[:, 2]
     diagonal = [np.linalg.norm(cv2.boundingRect(masks[k].view(np.uint8))[2:]) for k in seen]
     return float(np.median(diagonal * depth[seen] / rig.K[seen, 0, 0]))
-
-
-def _votes(rig: CameraRig, masks: list[np.ndarray], subject: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(camera, voxel) bool twice: seen as foreground; and foreground or outside of the image."""
-    along = np.arange(-_GRID_REACH, _GRID_REACH, _SPACING)
-    voxels = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3) + subject
-    shown = np.array([seen_at(rig, k, voxels, mask, -1)[1] for k, mask in enumerate(masks)])
-    return shown > 0, shown != 0
 
 
 def _hull_of(hit: np.ndarray, possible: np.ndarray, views: list[int]) -> np.ndarray:

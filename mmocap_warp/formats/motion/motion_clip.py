@@ -49,16 +49,14 @@ class _Words:
     """The words of a file, one after the other."""
 
     def __init__(self, path: Path, text: str) -> None:
-        self.path = path
-        self._words = [(word, line) for line, row in enumerate(text.splitlines(), 1) for word in row.split()]
-        self._next = 0
+        self.path, self._line = path, 0  # the line is that of the word that was taken last
+        self._left = ((word, line) for line, row in enumerate(text.splitlines(), 1) for word in row.split())
 
     def take(self, *expected: str) -> str:
         """The next word; one of ``expected``, in any case of letters, where some are given."""
-        if self._next >= len(self._words):
+        word, self._line = next(self._left, ("", 0))
+        if not word:
             raise InputError(self.path, f"ends before {' or '.join(expected) or 'the next value'}", _REMEDY)
-        word = self._words[self._next][0]
-        self._next += 1
         if expected and word.lower() not in (e.lower() for e in expected):
             raise self._error(f"expected {' or '.join(expected)}, found '{word}'")
         return word
@@ -70,7 +68,7 @@ class _Words:
 
     def _error(self, problem: str) -> InputError:
         """The error of the word that was taken last."""
-        return InputError(f"{self.path}: line {self._words[self._next - 1][1]}", problem, _REMEDY)
+        return InputError(f"{self.path}: line {self._line}", problem, _REMEDY)
 
     def number(self) -> float:
         """The next word as a number."""
@@ -89,7 +87,7 @@ class _Words:
 
     def rest(self) -> list[str]:
         """All words that are left."""
-        return [word for word, _ in self._words[self._next :]]
+        return [word for word, _ in self._left]
 
 
 def read_bvh(path: str | Path) -> MotionClip:

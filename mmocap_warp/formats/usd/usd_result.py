@@ -50,7 +50,17 @@ def write_result(path: str | Path, result: Result) -> None:
     body = define_subject(stage, f"/World/{result.subject.body.name}", result.subject)
     animate(stage, body, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
     define_cameras(stage, "/World/Cameras", result.cameras)
-    _define_tracking(stage, result)
+    tracking = UsdGeom.Scope.Define(stage, "/World/Tracking").GetPrim()
+    about = {"resultVersion": VERSION, "frames": result.frame_numbers, "runs": len(result.pose)}
+    about |= {"bestRun": result.best_run, "seconds": float(result.seconds)}
+    about |= {name: json.dumps(getattr(result, name)) for name in ("config", "versions")}
+    for name, value in about.items():
+        usd_file.author(tracking, f"mmocap:{name}", value)
+    for i, time in enumerate(result.frame_numbers.astype(float).tolist()):
+        for name, attribute in _SAMPLED.items():
+            if (values := getattr(result, name)) is not None:
+                usd_file.author(tracking, attribute, values[:, i], time)
+        usd_file.author(tracking, "mmocap:status", [STATUS[status] for status in result.status[:, i]], time)
     usd_file.write_stage(path, stage)
 
 
@@ -105,20 +115,6 @@ def read_result(path: str | Path) -> Result:
             versions=read.json_object("mmocap:versions"),
             **arrays,
         )
-
-
-def _define_tracking(stage: Usd.Stage, result: Result) -> None:
-    prim = UsdGeom.Scope.Define(stage, "/World/Tracking").GetPrim()
-    about = {"resultVersion": VERSION, "frames": result.frame_numbers, "runs": len(result.pose)}
-    about |= {"bestRun": result.best_run, "seconds": float(result.seconds)}
-    about |= {name: json.dumps(getattr(result, name)) for name in ("config", "versions")}
-    for name, value in about.items():
-        usd_file.author(prim, f"mmocap:{name}", value)
-    for i, time in enumerate(result.frame_numbers.astype(float).tolist()):
-        for name, attribute in _SAMPLED.items():
-            if (values := getattr(result, name)) is not None:
-                usd_file.author(prim, attribute, values[:, i], time)
-        usd_file.author(prim, "mmocap:status", [STATUS[status] for status in result.status[:, i]], time)
 
 
 def _status(read: usd_file.PrimReader, times: list[float], runs: int) -> np.ndarray:

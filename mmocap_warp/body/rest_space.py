@@ -82,9 +82,8 @@ class RestSpace:
     def between_sides(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """How the left side may be longer or thicker than the right: no parameter of the space, which is symmetric.
 
-        Returns:
-            (difference,) standard deviations [m], and how far each moves the vertices (difference, vertex, 3) and the
-            joints (difference, joint, 3) at 1.
+        By (difference,) standard deviations [m], and by how far each moves the vertices (difference, vertex, 3) and the
+        joints (difference, joint, 3) at 1.
         """
         body, joints = self.body, self.body.skeleton.joints
         pairs = [[joints[one] for one in group] for group in mirrored_joints(body).values() if len(group) == 2]

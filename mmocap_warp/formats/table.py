@@ -177,14 +177,11 @@ def read_dataset(name: str, root: Path, parts: Sequence[str]) -> DatasetScene:
 def read_calibration(
     path: Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
 ) -> CameraRig:
-    """Read the cameras of a calibration of any format in ``CALIBRATIONS``.
+    """Read the cameras of a calibration of any format in ``CALIBRATIONS``: a file, or a folder where it has one.
 
-    Args:
-        path: the file, or a folder where the format has one.
-        units: unit of its lengths, of ``METRES``, where the format leaves it open; None where it is not known.
-        up: the world's up axis, where the format does not say it.
-        sizes: width and height [px] of cameras' images, for a format that may leave them out; under
-            :data:`~mmocap_warp.formats.calibration.calibration_text.EVERY_OTHER` those of all other cameras.
+    What a format may leave open is given: ``units``, of ``METRES``, of its lengths, None where that is not known; the
+    world's ``up`` axis; and ``sizes``, width and height [px] of cameras' images, under
+    :data:`~mmocap_warp.formats.calibration.calibration_text.EVERY_OTHER` those of all other cameras.
 
     Raises:
         InputError: an unknown ending, a file that cannot be read, values that are missing, or no calibration (see
@@ -194,11 +191,7 @@ def read_calibration(
 
 
 def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read a calibration that has lenses and does not say where the cameras stand, as :func:`read_calibration`.
-
-    Returns:
-        Cameras at the origin; None for a calibration that has places.
-    """
+    """As :func:`read_calibration`, a calibration's cameras at the origin, or None if it says where they stand."""
     format = format_of(CALIBRATIONS, path)
     return _function(format.lenses)(path, up, sizes) if format.lenses else None
 

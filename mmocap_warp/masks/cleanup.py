@@ -15,16 +15,10 @@ _RIVAL_AREA_RATIO = 0.6  # of two components' areas: two people at different dis
 def clean_mask(
     mask: np.ndarray, settings: ForegroundSettings, scale: float = 1.0, body: np.ndarray | None = None
 ) -> np.ndarray:
-    """Apply the settings' steps in their order: those of :func:`mend_mask`, then keep.
+    """A mask (height, width) bool after the settings' steps in their order: those of :func:`mend_mask`, then keep.
 
-    Args:
-        mask: (height, width) bool.
-        settings: lengths and areas in pixels of the calibrated image.
-        scale: of this mask relative to the calibrated image.
-        body: (height, width) bool, where the body was last: for ``keep = "nearest"``, without it the largest.
-
-    Returns:
-        (height, width) bool.
+    Lengths and areas count pixels of the calibrated image, relative to which the mask has a ``scale``. ``body``,
+    likewise bool, is where the body was last: for ``keep = "nearest"``, without it the largest.
     """
     return keep_mended(mend_mask(mask, settings, scale), settings, scale, None if body is None else lambda: body)
 

@@ -38,13 +38,10 @@ class MaskProgram:
     environment: dict[str, str] | None = field(default=None, repr=False)  # of its process; None for ours
 
     def make(self, frames: Path, masks: Path, size: tuple[int, int], progress: Callable[[int], None]) -> list[Path]:
-        """Let it make the masks of one camera that are not there yet.
+        """Let it make the masks of one camera that are not there yet; the files of all, in the order of the frames.
 
         ``frames`` is a folder of images of one ``size``, width and height [px], and ``masks`` that for their masks;
         what the program says goes into a file beside it. ``progress`` is called with how many masks there are.
-
-        Returns:
-            A mask for each frame, in their order.
 
         Raises:
             InputError: it cannot be started, fails, hangs, or leaves a frame without a mask.

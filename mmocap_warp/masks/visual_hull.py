@@ -25,21 +25,14 @@ _REACH = 2.0  # half the first grid's edge [m]
 
 
 def visual_hull(rig: CameraRig, observation: Observation, spacing: float = 0.03, tolerate: int = 0) -> np.ndarray:
-    """Centres of the voxels that project onto foreground.
+    """(n, 3) float64, centres of the voxels that project onto foreground [m]; possibly none.
 
-    Views without foreground are left out; at least two must be left. Outside of an image counts as background.
-    The grid is aligned with the world's axes and surrounds the subject by itself: a coarse grid about the point where
-    the silhouettes' central rays meet finds what to carve finely.
+    The cameras are undistorted pinholes, as the masks. Views without foreground are left out; at least two must be
+    left. Outside of an image counts as background, which ``tolerate`` views may see at a voxel: 1 survives one bad
+    camera or mask, and a subject that one camera sees in part.
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        observation: masks of a frame.
-        spacing: voxel edge [m].
-        tolerate: number of views that may see background at a voxel: 1 survives one bad camera or mask, and a subject
-            that one camera sees in part. Fewer than two views never make a hull.
-
-    Returns:
-        (n, 3) float64 [m], possibly empty.
+    Voxels have edges of ``spacing`` [m]. Their grid is aligned with the world's axes and surrounds the subject by
+    itself: a coarse grid about the point where the silhouettes' central rays meet finds what to carve finely.
 
     Raises:
         ValueError: spacing is not positive or tolerate is negative.
@@ -149,17 +142,14 @@ _STEP = 0.025  # along the rays [m]
 
 
 def repair_masks(rig: CameraRig, masks: list[np.ndarray], each: Callable[..., Iterable] = map) -> list[np.ndarray]:
-    """Fill holes, gaps and dents of each mask where the other views' visual hull is over 10 cm thick.
+    """New masks, with holes, gaps and dents filled where the other views' visual hull is over 10 cm thick.
 
-    The rig's cameras are undistorted pinholes, as the masks, which are (height, width) bool. A pool's ``map`` for
+    The rig's cameras are undistorted pinholes, as the masks, per camera (height, width) bool. A pool's ``map`` for
     ``each`` lets its threads share the views.
 
     A dark pair of shorts before a dark floor leaves a hole that no single image can mend; seen from elsewhere, the
     body is plainly there. True gaps, as between arm and torso, have little or no hull behind them and stay. A view
     needs two others that see the subject; with fewer, or when it is empty itself, it is returned as it is.
-
-    Returns:
-        New masks, per camera (height, width) bool; each contains its original.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     if len(seen) < 3:
@@ -219,20 +209,11 @@ def hull_thickness(
     least: int = 2,
     tolerate: int = 0,
 ) -> np.ndarray:
-    """Length of the rays through camera ``k``'s pixels that lies inside the other cameras' silhouettes [m].
+    """(n,), the length of rays through pixels of camera ``k`` that lies in the other cameras' silhouettes [m].
 
-    Args:
-        rig: undistorted pinholes, as the masks.
-        masks: per camera (height, width) bool.
-        k: the camera.
-        others: cameras that judge; one whose image a point misses does not judge it, but ``least`` must.
-        pixels: (n, 2) column and row.
-        depth: about which the rays are followed [m].
-        least: how many others must see a point.
-        tolerate: how many others may see background there.
-
-    Returns:
-        (n,) float [m].
+    The cameras are undistorted pinholes, as the masks, per camera (height, width) bool; the pixels (n, 2) are column
+    and row. Rays are followed about a ``depth`` [m]. Of the ``others``, one whose image a point misses does not judge
+    it, but ``least`` of them must see it, and up to ``tolerate`` may see background there.
     """
     rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(rig.K[k]).T  # depth 1
     depths = np.arange(max(depth - _RAY_REACH, _STEP), depth + _RAY_REACH, _STEP, dtype=np.float32)

@@ -14,15 +14,8 @@ def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.n
     """A closed mesh of ``triangles`` triangles, or one fewer, over a subset of a closed mesh's vertices.
 
     Half-edge collapses in the order of the quadric error (Garland and Heckbert 1997): a vertex is moved onto a
-    neighbour and vanishes, so all that remain are where they were.
-
-    Args:
-        vertex: (vertex, 3) positions.
-        face: (face, 3) int, closed and consistently wound.
-        triangles: how many to leave.
-
-    Returns:
-        the kept vertices, (n,) int32, ascending, and triangles over them, (m, 3) int32.
+    neighbour and vanishes, so all that remain are where they were. Given are places (vertex, 3) and consistently wound
+    triangles (face, 3); returned are the kept vertices (n,) int32, ascending, and triangles over them (m, 3) int32.
 
     Raises:
         ValueError: the mesh is not closed, or cannot be made that coarse.

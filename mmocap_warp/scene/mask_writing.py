@@ -38,7 +38,7 @@ def write_masks(
     apart: Iterable[tuple[Sequence[list[np.ndarray]], list[np.ndarray]]] | None = None,
     make_consistent: Sequence[Callable[[list[np.ndarray]], list[np.ndarray]]] = (),
 ) -> Path:
-    """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
+    """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay; the new ``scene.toml``'s path.
 
     The folder gets ``<camera>/<frame>.png`` (1 bit, or labels where the scene has people), each camera's
     :class:`~mmocap_warp.scene.kept_masks.MaskMark`, ``overlay.webm``, ``pinholes.toml`` (the cameras that the masks
@@ -48,9 +48,6 @@ def write_masks(
     the first person, per camera (height, width) bool, and ``progress`` after each frame with the number of frames done.
     ``images`` are the scene's, where they lie somewhere in the meantime. ``apart`` are a frame's masks of each person
     and of what may be in front of them, where labels do not tell people apart.
-
-    Returns:
-        Path of the new ``scene.toml``.
 
     Raises:
         InputError: images that turn out unreadable, a folder that cannot be written to, or a name that is not UTF-8.

@@ -51,13 +51,9 @@ and Box.
 
 
 def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: str = "") -> DatasetScene:
-    """Read trial 1 of a sequence.
+    """Read trial 1 of one of the ``SEQUENCES``, from the folder that holds ``S1``, ``S2``, ``S3`` and ``Background``.
 
-    Args:
-        root: the folder that holds ``S1``, ``S2``, ``S3`` and ``Background``.
-        subject: ``S1``, ``S2`` or ``S3``.
-        action: ``Walking``, ``Jog``, ``ThrowCatch``, ``Gestures`` or ``Box``.
-        first, last: frames in HumanEva's own numbers, both included; its own list's where omitted.
+    Frames ``first`` to ``last`` are in HumanEva's own numbers, both included; its own list's where omitted.
 
     Raises:
         InputError: an unknown sequence or range, or whatever is missing or wrong in the data.

@@ -112,11 +112,8 @@ class ClosedMesh(NamedTuple):
 def closed(vertex: np.ndarray, face: np.ndarray, most: int = MOST_TRIANGLES, cells: int = CELLS) -> ClosedMesh:
     """The mesh itself where it is closed; else with its holes filled; else wrapped in a new surface.
 
-    Args:
-        vertex: (vertex, 3).
-        face: (face, 3), welded, see :func:`welded`.
-        most: triangles; a mesh of more is wrapped in any case.
-        cells: of the grid in which it is wrapped, along its longest side.
+    Its triangles (face, 3) of vertices (vertex, 3) are :func:`welded`. It is wrapped in any case if there are more than
+    ``most`` of them, on a grid that has ``cells`` along its longest side.
     """
     made = _filled(vertex, face) if len(face) <= most else f"it has {len(face)} triangles"
     return wrapped(vertex, face, cells, made) if isinstance(made, str) else made

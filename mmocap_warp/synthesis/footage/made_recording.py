@@ -83,15 +83,9 @@ def placed_camera(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """K, R and t of a camera that looks at the vertical through the origin of a world with +Z up.
 
-    Args:
-        bearing: direction from the origin, from +X toward +Y [degrees].
-        distance: of the centre from the vertical [m].
-        height: of the centre [m].
-        aim: height of the point looked at [m].
-        roll: about the direction of view [degrees].
-        focal: length [px].
-        offset: of the principal point from the image's middle [px].
-        size: width and height of the image [px].
+    Its centre is at a ``distance`` from the vertical [m], in a ``bearing`` that counts from +X toward +Y [degrees], and
+    at a ``height`` [m]. It looks at the height ``aim`` [m], with a ``roll`` about that line [degrees]. Focal length,
+    the ``offset`` of its principal point from the image's middle, and the image's width and height are in pixels.
     """
     angle = np.radians(bearing)
     centre = np.array([distance * np.cos(angle), distance * np.sin(angle), height])

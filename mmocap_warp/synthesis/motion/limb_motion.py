@@ -59,10 +59,8 @@ class Leg:
         """The hip's Rx, Ry, Rz and the knee's Rx that bring the ankle to its place: (frame, 4) [rad].
 
         Hip and ankle are (frame, 3) in the world [m], ``pelvis`` (frame, 3, 3) is the world from the root joint's axes,
-        and ``sideways`` (frame, 3) is where the knee's hinge points, as nearly as the leg allows.
-
-        Raises:
-            ValueError: an ankle out of reach.
+        and ``sideways`` (frame, 3) is where the knee's hinge points, as nearly as the leg allows. An ankle out of
+        reach is a ValueError.
         """
         target = ankle - hip
         # The knee's Rx at which the ankle is that far from the hip.
@@ -145,11 +143,9 @@ class Arm:
     def rotations(self, chest: np.ndarray, wrist: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The shoulder's rotations (frame, 3, 3) and the elbow's Ry (frame,) [rad].
 
-        Args:
-            chest: (frame, 3, 3), world from the chest's axes.
-            wrist: (frame, 3), where the wrist is to be, from the shoulder, in the world [m]; one that is out of reach
-                is drawn in along its line, to a straight arm.
-            points: (frame, 3), where the elbow points, as nearly as the line allows.
+        In the world are ``chest`` (frame, 3, 3) from its axes, ``wrist`` (frame, 3) from the shoulder [m], and where
+        the elbow ``points`` (frame, 3), as nearly as the line between them allows. A wrist that is out of reach is
+        drawn in along that line, to a straight arm.
         """
         # The elbow's Ry at which the wrist is that far from the shoulder.
         (gx, gy, gz), (fx, fy, fz) = self.elbow.T @ self.upper, self.fore
@@ -183,15 +179,10 @@ class Posture:
     def point_legs(
         self, root: np.ndarray, pelvis: np.ndarray, bones: Bones, hinges: BySide, feet: BySide, least_knee: float
     ) -> None:
-        """Set the root and the legs, these by where their bones point.
+        """Set the root (frame, 3) with its axes ``pelvis`` (frame, 3, 3), and the legs by where their bones point.
 
-        Args:
-            root: (frame, 3), the root joint.
-            pelvis: (frame, 3, 3), its axes.
-            bones: by side, the directions (frame, 3) of thigh and shank.
-            hinges: by side, where the knee's hinge points (frame, 3), as nearly as the bones allow.
-            feet: by side, their axes (frame, 3, 3).
-            least_knee: flexion from straight that a knee keeps [rad].
+        By side are the directions (frame, 3) of thigh and shank, those in which the knees' hinges point, as nearly as
+        the bones allow, and the axes (frame, 3, 3) of the feet. A knee stays bent by ``least_knee`` [rad].
         """
         ankles = {}
         for side, (thigh, shank) in bones.items():

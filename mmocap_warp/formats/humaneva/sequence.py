@@ -3,7 +3,9 @@
 See docs/sequences.md for what is read, and for what had to be assumed.
 """
 
+import tomllib
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -26,28 +28,13 @@ FIRST_FRAME = 6
 _TRIAL = 1  # the only one that has both video and public motion capture
 _CLIPS = (1, 2, 3)
 
-SEQUENCES: dict[tuple[str, str], tuple[int, tuple[int, int, int]]] = {
-    ("S1", "Walking"): (1203, (82, 81, 82)),
-    ("S1", "Jog"): (740, (51, 51, 50)),
-    ("S1", "ThrowCatch"): (945, (61, 61, 60)),
-    ("S1", "Gestures"): (801, (45, 45, 44)),
-    ("S1", "Box"): (789, (57, 57, 56)),
-    ("S2", "Walking"): (876, (115, 115, 114)),
-    ("S2", "Jog"): (795, (100, 100, 99)),
-    ("S2", "ThrowCatch"): (1128, (127, 127, 127)),
-    ("S2", "Gestures"): (901, (122, 122, 121)),
-    ("S2", "Box"): (734, (119, 119, 117)),
-    ("S3", "Walking"): (939, (80, 80, 80)),
-    ("S3", "Jog"): (842, (65, 65, 65)),
-    ("S3", "ThrowCatch"): (1027, (79, 79, 79)),
-    ("S3", "Gestures"): (1102, (83, 83, 82)),
-    ("S3", "Box"): (1021, (1, 1, 1)),
+_PUBLISHED = tomllib.loads(files(__package__).joinpath("sequence.toml").read_text(encoding="utf-8"))
+SEQUENCES: dict[tuple[str, str], tuple[int, list[int]]] = {
+    (subject, action): (about["last"], about["starts"])
+    for subject, actions in _PUBLISHED.items()
+    for action, about in actions.items()
 }
-"""What is published of the sequences with video and motion capture, by subject and action.
-
-It is the last frame, and where videos C1 to C3 start, in HumanEva's own numbers. The paper's nine are Walking, Gestures
-and Box.
-"""
+"""By subject and action the last frame, and where videos C1 to C3 start, in HumanEva's own numbers."""
 
 
 def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: str = "") -> DatasetScene:

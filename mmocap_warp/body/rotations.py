@@ -30,15 +30,10 @@ def zyx_rotation(angles: np.ndarray) -> np.ndarray:
 
 def zyx_angles(rotation: np.ndarray) -> np.ndarray:
     """(..., 3) angles Rx, Ry, Rz [rad] of rotations ``Rz @ Ry @ Rx``, (..., 3, 3); away from Ry = 90 degrees."""
-    r = rotation
-    return np.stack(
-        [
-            np.arctan2(r[..., 2, 1], r[..., 2, 2]),
-            -np.arcsin(np.clip(r[..., 2, 0], -1.0, 1.0)),
-            np.arctan2(r[..., 1, 0], r[..., 0, 0]),
-        ],
-        axis=-1,
-    )
+    x = np.arctan2(rotation[..., 2, 1], rotation[..., 2, 2])
+    y = -np.arcsin(np.clip(rotation[..., 2, 0], -1.0, 1.0))
+    z = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
+    return np.stack([x, y, z], axis=-1)
 
 
 def spread_rotations(count: int) -> np.ndarray:

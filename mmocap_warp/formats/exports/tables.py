@@ -69,9 +69,8 @@ def write_trc(result: Result, path: Path, joint_set: JointSet | None = None) -> 
     tracks = best_run_tracks(result)
     names, points = tracks.points(joint_set)
     if odd := [name for name in names if not name.isprintable()]:
-        raise InputError(
-            path, f"cannot hold the name {odd[0]!r}", "name it without tabs and line ends, or write a .csv"
-        )
+        remedy = "name it without tabs and line ends, or write a .csv"
+        raise InputError(path, f"cannot hold the name {odd[0]!r}", remedy)
     first, frames, rate = tracks.row_number[0], len(points), f"{tracks.rate:.6f}"
     about = {"DataRate": rate, "CameraRate": rate, "NumFrames": frames, "NumMarkers": len(names), "Units": "m"}
     about |= {"OrigDataRate": rate, "OrigDataStartFrame": first, "OrigNumFrames": frames}

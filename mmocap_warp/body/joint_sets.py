@@ -54,9 +54,8 @@ class JointSet:
         body, rigid = subject.body, self.carrier >= 0
         joint = self.carrier[rigid]
         # A rigid point keeps its place in the axes of the joint that carries it.
-        own = np.einsum(
-            "pba,pb->pa", body.skeleton.frame[joint].astype(float), self.at_rest(body)[rigid] - body.joint_rest[joint]
-        )
+        offset = self.at_rest(body)[rigid] - body.joint_rest[joint]
+        own = np.einsum("pba,pb->pa", body.skeleton.frame[joint].astype(float), offset)
         followed = np.flatnonzero(self.vertex_weight[~rigid].any(axis=0))
         weight = self.vertex_weight[~rigid][:, followed]
         poser, places = Poser(body, subject.root_base), np.empty((len(pose), len(self.names), 3))

@@ -132,10 +132,8 @@ class RestSpace:
             rest = self.body.skin.rest if vertex is None else self.body.skin.rest[vertex]
             return rest.astype(np.float64), self.body.joint_rest.astype(np.float64)
         skin, rest, by_vertex = self._part(vertex)
-        return (
-            self._combine(beta, rest, skin, by_vertex),
-            self._combine(beta, self.body.joint_rest, self._moved[1], self._unscaled[1]),
-        )
+        joints = self._combine(beta, self.body.joint_rest, self._moved[1], self._unscaled[1])
+        return self._combine(beta, rest, skin, by_vertex), joints
 
     def _combine(self, beta: np.ndarray, rest: np.ndarray, column: np.ndarray, unscaled: np.ndarray) -> np.ndarray:
         scale = np.exp(beta[-1])
@@ -149,10 +147,8 @@ class RestSpace:
             return np.zeros((0, *rest.shape)), np.zeros((0, *joint.shape))
         by_skin, _, by_vertex = self._part(vertex)
         scale = np.exp(beta[-1])
-        return (
-            np.concatenate([scale * by_skin, (rest - by_vertex)[None]]),
-            np.concatenate([scale * self._moved[1], (joint - self._unscaled[1])[None]]),
-        )
+        by_joint = np.concatenate([scale * self._moved[1], (joint - self._unscaled[1])[None]])
+        return np.concatenate([scale * by_skin, (rest - by_vertex)[None]]), by_joint
 
     def model(self, beta: np.ndarray) -> BodyModel:
         """The body of some parameters. As with ``BodyModel.shaped`` its shape targets are the old ones, scaled."""

@@ -94,9 +94,6 @@ class ShapeSpace:
                 weights[target] = abs(float(value))
         scale = float(np.exp(coordinate[self.scale_index]))
         shape = {f"shape.{name}": float(v) for (name, _, _), v in zip(self.sliders, values, strict=True)}
-        return Subject(
-            self.body.shaped(weights, scale),
-            upright_base(self.up) @ heading_rotation(float(coordinate[self.heading_index])),
-            np.asarray(coordinate[: self.body.skeleton.coordinates], np.float64),
-            provenance | shape | {"scale": scale},
-        )
+        base = upright_base(self.up) @ heading_rotation(float(coordinate[self.heading_index]))
+        pose = np.asarray(coordinate[: self.body.skeleton.coordinates], np.float64)
+        return Subject(self.body.shaped(weights, scale), base, pose, provenance | shape | {"scale": scale})

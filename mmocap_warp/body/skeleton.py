@@ -82,9 +82,8 @@ class Skeleton:
         for number, index in self.models.items():
             ascends = len(index) > 0 and bool(np.all(np.diff(index) > 0))
             if not ascends or index[0] < 0 or index[-1] >= self.coordinates or is_own[index].sum() != number:
-                raise ValueError(
-                    f"models: {number} must be that many coordinates of 0 .. {self.coordinates - 1}, ascending"
-                )
+                last = self.coordinates - 1
+                raise ValueError(f"models: {number} must be that many coordinates of 0 .. {last}, ascending")
         if len(self.part) != len(self.joints) or set(self.part) != set(range(len(self.parts))):
             raise ValueError(f"part must give each joint one of the {len(self.parts)} parts, and each part a joint")
         for name in ("sliding", "attached"):

@@ -101,11 +101,8 @@ def joint_positions(
     lean = np.arctan2(radius / 2, trunk)
     root = pelvis + turn("PEL") @ [-_PELVIS_BACK, 0.0, 0.0]
     trunk_top = root + _segment_vector(turn("PEL"), trunk, lean)
-    joints = {
-        "Root": root,
-        "Neck": (trunk_top + thorax) / 2,
-        "HeadTop": thorax + turn("HED") @ [0.0, 0.0, _HEAD_LENGTH],
-    }
+    head_top = thorax + turn("HED") @ [0.0, 0.0, _HEAD_LENGTH]
+    joints = {"Root": root, "Neck": (trunk_top + thorax) / 2, "HeadTop": head_top}
     for side, offset in zip("LR", shoulder_offsets, strict=True):
         shoulder, elbow, wrist = (point(side + name) for name in ("CLO", "HUO", "RAO"))
         arm = _arm(shoulder, elbow, wrist, turn(f"{side}HU"), turn(f"{side}RA"), offset)

@@ -10,8 +10,7 @@ from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.cameras.rig import UP_AXES
 from mmocap_warp.result.result import Result
 
-_SAME_TIME = 1e-6
-"""A time that lies outside the result by less than this is its first or last frame [frames]."""
+_SAME_TIME = 1e-6  # frames: a time that lies outside the result by less is its first or last frame
 
 
 def of_run(result: Result, run: int) -> Result:

@@ -128,8 +128,7 @@ def _dot(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.dot(left * right, np.ones(3))
 
 
-_MIN_SHARE = 0.01
-"""A joint moves a marker that follows it by this share or more."""
+_MIN_SHARE = 0.01  # a joint moves a marker that follows it by this share or more
 
 
 @dataclass(frozen=True)
@@ -151,10 +150,13 @@ def marker_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
     from_the_start = mine[0] + result.left_out_before == 0
     start = known[0] if from_the_start else np.zeros(known.shape[1], bool)  # known in the first frame that was tracked
     initial, allowed = result.subject, allowed_skin(result.subject.body, truth.marker_names)
+    # As printed, markers are put on the given subject in its own pose, that of the first frame.
+    (vertices,) = skin_positions(initial, initial.pose[None], np.arange(len(initial.body.skin.rest)))
+    points = attach(seen[0, start], vertices, initial.body.skin.face, allowed[start])
 
     def both(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(run, frame) [m] of a subject in poses (run, frame, coordinate): as printed, and from its own answer."""
-        as_printed = _as_printed(initial, start, subject, pose, seen, allowed)
+        as_printed = np.array([_distance(subject, one, seen[:, start], points) for one in pose])
         return as_printed, _from_own_answer(subject, pose, seen, allowed)
 
     motion = _true_motion(result, truth, theirs)
@@ -187,18 +189,6 @@ def _true_motion(result: Result, truth: Truth, theirs: np.ndarray) -> tuple[Subj
     apart = truth.joints[theirs, : len(skeleton.joints)] - joint_positions(subject, pose)
     pose[:, :3] += np.nan_to_num(nanmean(apart, axis=1))  # joints that are unknown do not count
     return subject, pose[None]
-
-
-def _as_printed(
-    initial: Subject, start: np.ndarray, subject: Subject, pose: np.ndarray, seen: np.ndarray, allowed: np.ndarray
-) -> np.ndarray:
-    """(run, frame) [m]: markers put on the ``initial`` subject in its own pose, that of frame 0, ride on ``subject``.
-
-    Those count that are known in frame 0, ``start`` (marker,) bool; else as :func:`_from_own_answer`.
-    """
-    (vertices,) = skin_positions(initial, initial.pose[None], np.arange(len(initial.body.skin.rest)))
-    points = attach(seen[0, start], vertices, initial.body.skin.face, allowed[start])
-    return np.array([_distance(subject, one, seen[:, start], points) for one in pose])
 
 
 def _from_own_answer(subject: Subject, pose: np.ndarray, seen: np.ndarray, allowed: np.ndarray) -> np.ndarray:

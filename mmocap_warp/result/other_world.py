@@ -6,14 +6,9 @@ from typing import Any
 
 import numpy as np
 
-_FAR = 0.5
-"""Joints of a body that is tracked well in its own world are nearer than this to the truth [m]."""
-
-_ELSEWHERE = 0.3
-"""A body in another world is farther off as a whole than this [m]; one that is back to front is not."""
-
-_NEAR = 0.15
-"""A change of the world explains an error that it brings below this [m]; nothing explains a body that is lost."""
+_FAR = 0.5  # metres: joints of a body that is tracked well in its own world are nearer than this to the truth
+_ELSEWHERE = 0.3  # metres: a body in another world is farther off as a whole; one that is back to front is not
+_NEAR = 0.15  # metres: a change of the world explains an error that it brings below this; nothing explains a lost body
 
 
 def other_world(tracked: np.ndarray, known: np.ndarray) -> dict[str, Any] | None:
@@ -65,8 +60,7 @@ def axes_after(axes: str, others: str) -> str:
 
 
 _TRIPLES = map("".join, product(("x", "y", "z", "-x", "-y", "-z"), repeat=3))
-_AXES = [axes for axes in _TRIPLES if np.linalg.det(axes_turn(axes)) > 0]  # 0 where an axis is there twice
-"""Of all right-handed worlds."""
+_AXES = [axes for axes in _TRIPLES if np.linalg.det(axes_turn(axes)) > 0]  # right-handed, no axis twice
 
 
 def _mean_distance(x: np.ndarray, y: np.ndarray) -> float:

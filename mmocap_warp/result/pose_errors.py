@@ -142,8 +142,7 @@ def offset_free_distance(
     return distance, offset_length
 
 
-_SHAKE_RATE = 60.0
-"""Shake is given as at this many frames a second, so that a smooth motion's is the same at any rate."""
+_SHAKE_RATE = 60.0  # frames a second as at which shake is given: a smooth motion's is the same at any rate
 
 
 def second_differences(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarray:

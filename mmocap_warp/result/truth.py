@@ -9,11 +9,8 @@ import numpy as np
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.errors import InputError
 
-_SAME_RATE = 0.005
-"""Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
-
-_DECIMALS = 6
-"""Of a frame's number at another rate: what differs by less coincides, and is not interpolated."""
+_SAME_RATE = 0.005  # share by which one rate may differ: video of 59.94 frames a second is called one of 60
+_DECIMALS = 6  # of a frame's number at another rate: what differs by less coincides, and is not interpolated
 
 
 @dataclass(frozen=True)

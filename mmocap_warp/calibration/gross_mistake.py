@@ -29,6 +29,7 @@ _GRAPHICS = np.diag([1.0, -1.0, -1.0])  # from the camera axes of computer graph
 
 _SIZES = (0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0)  # of images over those that were calibrated, of which one may be true
 MIRRORED, SWAPPED, IMAGE_SIZE = "mirrored", "wrong file", "image size"
+# What may have happened to images after the calibration: (2, 2) from calibrated to seen directions, x right and y down.
 _TURNS = {
     MIRRORED: np.diag([-1.0, 1.0]),
     "turned by 180 degrees": np.diag([-1.0, -1.0]),
@@ -36,17 +37,16 @@ _TURNS = {
     "turned by 90 degrees counterclockwise": np.array([[0.0, 1.0], [-1.0, 0.0]]),
     "mirrored top to bottom": np.diag([1.0, -1.0]),
 }
-"""What may have happened to images after the calibration: (2, 2), from calibrated to seen directions, x right and y
-down."""
 _INVERTED = "inverted extrinsics"
-_POSES = {
+_POSES = {  # what may be wrong with how extrinsics were written, and what to do
     _INVERTED: "rotation and translation are camera to world: give them world to camera",
     "graphics axes": "camera axes are those of computer graphics (y up, z backward): give OpenCV's (y down, z forward)",
     "inverted graphics axes": "poses are camera to world with the axes of computer graphics (y up, z backward): give"
     " them world to camera with OpenCV's axes (y down, z forward)",
     "centre for translation": "translations are the cameras' places c: give t = -R c",
 }
-"""What may be wrong with how extrinsics were written, and what to do."""
+# Of these, what two views tell from a limb that one of them does not see.
+_IN_TWO_VIEWS = (*_POSES, *(cause for cause in _TURNS if cause.startswith("turned by 90 degrees")))
 
 
 @dataclass(frozen=True)
@@ -153,16 +153,11 @@ def find_mistake(rig: CameraRig, frames: Sequence[Silhouettes], now: Agreement) 
         return None
     # A few frames choose among all repairs; all frames judge the best one.
     few = frames[::2] if len(rig) <= _ALL_TRIAL_FRAMES else frames[len(frames) // 2 :][:1]
-    trials = [(mistake, repaired) for mistake, repaired in repairs(rig) if not two or _shows_in_two_views(mistake)]
+    trials = [(mistake, repaired) for mistake, repaired in repairs(rig) if not two or mistake.cause in _IN_TWO_VIEWS]
     mistake, repaired = max(trials, key=lambda trial: agreement(trial[1], few).share)
     share = agreement(repaired, frames).share
     enough = share >= (_REPAIRED_TWO_VIEWS if two else _REPAIRED)
     return mistake if enough and 1 - share <= _LEFT * (1 - now.share) else None
-
-
-def _shows_in_two_views(mistake: Mistake) -> bool:
-    """Whether two views can tell this mistake from a limb that one of them does not see."""
-    return mistake.cause in _POSES or mistake.cause.startswith("turned by 90 degrees")
 
 
 def repairs(rig: CameraRig) -> Iterator[tuple[Mistake, CameraRig]]:

@@ -177,21 +177,22 @@ def _offsets_by_motion(signals: list[np.ndarray], fps: float, within: float) -> 
     return scores, long if scores.total(long) > _LONG_SCORE_RATIO * scores.total(short) else short
 
 
-def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> list[LagCourse]:
-    """The courses of the views' lags, from stretches of the recording."""
-    # Frames that all views have at these offsets.
+def _aligned(signals: list[np.ndarray], offsets: np.ndarray) -> list[np.ndarray]:
+    """The signals at these offsets, in the frames that all views have there."""
     begin = offsets - offsets.min()
     length = min(len(each) - first for each, first in zip(signals, begin, strict=True))
-    reach = round(_MAX_CHANGE * fps)
-    # The best lag of each view in each stretch.
-    middles, lags = [], []
-    for part in np.array_split(np.arange(length), max(1, min(_STRETCHES, length // _MIN_STRETCH))):
-        there = [each[first + part] for each, first in zip(signals, begin, strict=True)]
-        scores = pair_scores(there, LIKE, fps, reach)
-        none = np.zeros(len(signals), int)
-        lags.append([int(np.argmax(scores.of_view(view, none))) - reach for view in range(len(signals))])
-        middles.append(part.mean())
-    return [lag_course(np.array(middles), lag) for lag in np.array(lags, float).T]
+    return [each[first : first + length] for each, first in zip(signals, begin, strict=True)]
+
+
+def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> list[LagCourse]:
+    """The courses of the views' lags, from their best lags in stretches of the recording."""
+    aligned, none = _aligned(signals, offsets), np.zeros(len(signals), int)
+    length, reach = len(aligned[0]), round(_MAX_CHANGE * fps)
+    parts = np.array_split(np.arange(length), max(1, min(_STRETCHES, length // _MIN_STRETCH)))
+    scores = [pair_scores([each[part] for each in aligned], LIKE, fps, reach) for part in parts]
+    lags = [[np.argmax(score.of_view(view, none)) - reach for score in scores] for view in range(len(signals))]
+    middles = np.array([part.mean() for part in parts])
+    return [lag_course(middles, lag) for lag in np.array(lags, float)]
 
 
 def margin_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> float:
@@ -199,9 +200,8 @@ def margin_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float)
 
     The offsets' standard deviations are those of the delete-one jackknife over parts of the recording, and over views.
     """
-    begin = offsets - offsets.min()
-    length = min(len(each) - first for each, first in zip(signals, begin, strict=True))
-    aligned = [each[first : first + length] for each, first in zip(signals, begin, strict=True)]
+    aligned = _aligned(signals, offsets)
+    length = len(aligned[0])
     parts = np.array_split(np.arange(length), max(1, min(_STRETCHES, length // _MIN_PART)))
     if len(parts) < MIN_STRETCHES:
         return float("inf")

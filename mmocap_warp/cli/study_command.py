@@ -7,16 +7,13 @@ import sys
 import tomllib
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli import COMMANDS
 from mmocap_warp.cli.command import ANY_NUMBER, BY_PLACE, Answer, Given, attributes, command, several
 from mmocap_warp.cli.console import FAILURE, OK, Console, checked, table
-
-if TYPE_CHECKING:
-    from mmocap_warp.commands.studies import StudyRun
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
 bench_app = App(name="bench", version_flags=[])
@@ -52,6 +49,7 @@ def make(call: Any) -> Answer:
 def run(call: Any, console: Console, study: Path) -> Answer:
     from mmocap_warp.cli.progress import JobsProgress
     from mmocap_warp.study.definition import load_study
+    from mmocap_warp.study.paper import GRID_EVALUATIONS
 
     loaded = load_study(study)
     # Ray prints the last lines of its logs to stdout when something of it dies; the run says so in one line.
@@ -61,15 +59,8 @@ def run(call: Any, console: Console, study: Path) -> Answer:
         JobsProgress(loaded.name, quiet=console.quiet) as progress,
     ):
         done = call(study=loaded, show=progress.show, reporter=progress)
-    values = _values(done)
-    return Answer(values, [_text(values)], FAILURE if done.status.failures else OK)
-
-
-def _values(done: StudyRun) -> dict[str, Any]:
-    from mmocap_warp.study.paper import GRID_EVALUATIONS
-
     status = done.status
-    return {
+    values = {
         "study": done.name,
         "folder": done.folder,
         **attributes(status, cells="jobs", finished_before="reused", finished_now="finished"),
@@ -78,6 +69,7 @@ def _values(done: StudyRun) -> dict[str, Any]:
         "paper_grid_hours": GRID_EVALUATIONS / status.rate / 3600.0 if status.rate else None,
         "results": done.results,
     }
+    return Answer(values, [_text(values)], FAILURE if status.failures else OK)
 
 
 def _text(values: dict[str, Any]) -> str:

@@ -45,10 +45,18 @@ def floor_picture(shown: Sequence[np.ndarray], rig: CameraRig, heads: np.ndarray
         rig: undistorted pinholes; the floor is at zero along ``up``.
         heads: (frame, 3), the top of the person's head [m]; NaN where not known. They show that of ``frame``.
     """
+    # The floor's grid, the way over it, and the body's axis.
+    up, head = rig.up_vector, heads[frame]
+    known = heads[np.isfinite(heads[:, 0])]
+    feet = known - (known @ up)[:, None] * up
+    lines = [(*ends, _GRID, 1) for ends in _grid(feet, up)] + [(*ends, _WAY, 2) for ends in pairwise(feet)]
+    if np.isfinite(head[0]):
+        lines.append((head - (head @ up) * up, head, overlay.MODEL_COLOUR, 2))
     views = []
     for k, image in enumerate(shown):
         canvas = image.copy()
-        _draw(canvas, rig.select((rig.names[k],)), heads, frame)
+        for line in lines:
+            _draw_line(canvas, rig.select((rig.names[k],)), *line)
         width = max(1, round(image.shape[1] * _ROW_HEIGHT / image.shape[0]))
         views.append(cv2.resize(canvas, (width, _ROW_HEIGHT), interpolation=cv2.INTER_AREA))
         write_text(views[-1], rig.names[k], (8, 8))
@@ -58,19 +66,6 @@ def floor_picture(shown: Sequence[np.ndarray], rig: CameraRig, heads: np.ndarray
     banner = np.full((32, width, 3), PAPER, np.uint8)
     write_text(banner, title, (8, 6))
     return np.concatenate([banner, *[np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows]])
-
-
-def _draw(canvas: np.ndarray, camera: CameraRig, heads: np.ndarray, frame: int) -> None:
-    up = camera.up_vector
-    known = heads[np.isfinite(heads[:, 0])]
-    feet = known - (known @ up)[:, None] * up
-    for start, end in _grid(feet, up):
-        _draw_line(canvas, camera, start, end, _GRID, 1)
-    for start, end in pairwise(feet):
-        _draw_line(canvas, camera, start, end, _WAY, 2)
-    head = heads[frame]
-    if np.isfinite(head[0]):
-        _draw_line(canvas, camera, head - (head @ up) * up, head, overlay.MODEL_COLOUR, 2)
 
 
 def _grid(feet: np.ndarray, up: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from bench_searches import FPS, start_of
 
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.contour.frame.fitter import ContourFitter
@@ -68,7 +69,7 @@ def _cases(load: Workload, runs: int, device: str) -> list[Case]:
 def _followed(load: Workload, runs: int, device: str) -> Case:
     """Frame after frame of a body that stands still."""
     config = TrackConfig(_FOLLOWED, runs=runs, device=device, threads=1)
-    tracker = ContourTracker(load.subject, load.rig, config, load.fps)
+    tracker = ContourTracker(start_of(load), load.rig, config, FPS)
     start = load.seen + np.float32(_MOVED) * (_start(load, runs) - load.seen)
 
     follow = partial(tracker.step, load.observation)

@@ -15,6 +15,7 @@ from body_parts import Part, hierarchical, holistic
 from mmocap_warp.bench.evaluations import all_alike
 from mmocap_warp.bench.report_file import FRAME
 from mmocap_warp.bench.workload import Workload
+from mmocap_warp.body.model import Subject
 from mmocap_warp.kernels.benchmarks.timing import Case, Check, Measurement, Timing, time_together
 from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.optimizers.search import Optimizer, Search
@@ -26,11 +27,18 @@ from mmocap_warp.tracking.tracker import Tracker, TrackState
 MOVING, OPTIMIZER, GENERATION = "moving part", "ask and tell", "a generation"
 COST_APART = 1e-5
 """How far the cost of an answer may be from that of the same pose on the CPU."""
+FPS = 60.0
+"""The frame rate that a tracker takes its search radius from."""
 
 _BUDGET = 500
 _PART_CANDIDATES = 9  # of CMA-ES in 6 dimensions
 _LONGER_BY = 5  # by which the longer of two searches exceeds the shorter
 _SPHERE_GENERATIONS = 40  # after these an optimizer must be nearer to the minimum of a sphere
+
+
+def start_of(load: Workload) -> Subject:
+    """Where a search starts: beside what is seen."""
+    return Subject(load.body, np.eye(3), load.poses(1, seed=2)[0].astype(float), {})
 
 
 def moving_parts(load: Workload, device: str) -> Iterator[list[Case]]:
@@ -144,14 +152,14 @@ def measure_generations(
 def _generation(
     load: Workload, name: str, part: Part, renderer: str, device: str, threads: int, seconds: float | None
 ) -> Measurement:
-    radius, _translation = TrackConfig(algorithm=name).radii(load.fps)
+    radius, _translation = TrackConfig(algorithm=name).radii(FPS)
 
     def search(generations: int) -> Search:
         optimizer = _optimizer(name, part, radius, 1, device)
         objective = load.objective(optimizer.particles, renderer, device, threads)
         evaluations = 1 + generations * optimizer.particles
         search = Search(objective, [optimizer], evaluations, load.body.skeleton.coordinate_limits)
-        search.best_pose.assign(load.subject.pose[None].astype(np.float32))
+        search.best_pose.assign(start_of(load).pose[None].astype(np.float32))
         return search
 
     short, long = search(1), search(1 + _LONGER_BY)
@@ -189,7 +197,7 @@ def _mean(parts: list[Measurement], name: str) -> Measurement:
 def _cost_is_right(load: Workload, pose: np.ndarray, cost: np.ndarray) -> Check:
     """Whether answers cost what they should, as the CPU's raster says, and no more than the start."""
     objective = load.objective(len(pose) + 1, "raster", "cpu")
-    objective.pose.assign(np.concatenate([pose, load.subject.pose[None].astype(np.float32)]))
+    objective.pose.assign(np.concatenate([pose, start_of(load).pose[None].astype(np.float32)]))
     expected = objective.evaluate(len(pose) + 1).numpy()
     apart = float(np.abs(expected[:-1] - cost).max())
     better = bool(np.all(cost <= expected[-1] + COST_APART))
@@ -220,7 +228,7 @@ def _tracker(
     config = TrackConfig(
         algorithm=algorithm, renderer=renderer, runs=runs, evaluations=evaluations, device=device, threads=threads
     )
-    return Tracker(load.subject, load.rig, config, load.fps)
+    return Tracker(start_of(load), load.rig, config, FPS)
 
 
 def _frame_is_right(load: Workload, tracker: Tracker) -> Check:
@@ -240,7 +248,7 @@ def _same_run(load: Workload, one: Tracker, many: Tracker) -> Check:
     """Whether the first of many runs has the same bits as that run alone."""
     for tracker in (one, many):
         runs = tracker.config.runs
-        pose = np.repeat(load.subject.pose[None].astype(np.float32), runs, axis=0)
+        pose = np.repeat(start_of(load).pose[None].astype(np.float32), runs, axis=0)
         tracker.state = TrackState(pose, np.zeros(runs, np.int32))
     alone, first = one.step(load.observation).pose[0], many.step(load.observation).pose[0]
     same = bool(np.array_equal(alone, first))

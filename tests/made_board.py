@@ -50,6 +50,14 @@ def board_course(rig: CameraRig, board: Board, close: int, common: int, seed: in
     return poses
 
 
+def _picture(board: Board) -> np.ndarray:
+    """The board without a margin, gray, ``_PIXELS`` to a square."""
+    if board.kind == "charuco":
+        return np.asarray(board._charuco.generateImage((board.columns * _PIXELS, board.rows * _PIXELS)))
+    squares = (np.indices((board.rows, board.columns)).sum(axis=0) % 2).astype(np.uint8) * 255
+    return squares.repeat(_PIXELS, axis=0).repeat(_PIXELS, axis=1)
+
+
 def render_board(
     rig: CameraRig, k: int, board: Board, turn: np.ndarray, shift: np.ndarray, noise: np.random.Generator, blur=0.7
 ) -> np.ndarray:
@@ -62,7 +70,7 @@ def render_board(
     on_plane = np.column_stack([rays, np.ones(len(rays))]) @ to_board.T
     ahead = 1 / on_plane[:, 2]
     places = on_plane[:, :2] * ahead[:, None] / board.square * _PIXELS - 0.5
-    drawing = cv2.copyMakeBorder(board.image(_PIXELS), *[_PIXELS // 2] * 4, cv2.BORDER_CONSTANT, value=255)
+    drawing = cv2.copyMakeBorder(_picture(board), *[_PIXELS // 2] * 4, cv2.BORDER_CONSTANT, value=255)
     corners = np.array([[0, 0, 0], [board.columns, board.rows, 0]]) * board.square
     across = np.linalg.norm(np.diff((corners @ R.T + t)[:, :2] / (corners @ R.T + t)[:, 2:], axis=0)) * rig.K[k, 0, 0]
     smaller = np.hypot(board.columns, board.rows) * _PIXELS / max(across, 1.0)

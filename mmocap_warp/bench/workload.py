@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.cameras.silhouette import silhouettes
@@ -27,7 +26,6 @@ class Workload:
 
     body: BodyModel  # its tracking mesh is drawn
     rig: CameraRig  # undistorted
-    fps: ClassVar[float] = 60.0  # frame rate that a tracker takes its search radius from
 
     @cached_property
     def sizes(self) -> dict[str, int]:
@@ -49,11 +47,6 @@ class Workload:
         """The masks of all cameras."""
         (vertices,) = self.vertices(self.seen[None])
         return Observation.from_masks(silhouettes(self.rig, vertices, self.body.tracking_face))
-
-    @property
-    def subject(self) -> Subject:
-        """Where a search starts: beside what is seen."""
-        return Subject(self.body, np.eye(3), self.poses(1, seed=2)[0].astype(float), {})
 
     def poses(self, candidates: int, seed: int = 0) -> np.ndarray:
         """(candidate, coordinate) float32: standing upright, and a little different in everything."""

@@ -171,13 +171,6 @@ class Board:
         cell = side / cells
         return [_rectangle(left + x, top + y, cell, cell) for y, x in np.argwhere(bits == 0) * cell]
 
-    def image(self, pixels: int) -> np.ndarray:
-        """The board without a margin, gray, ``pixels`` to a square."""
-        if self.kind == "charuco":
-            return np.asarray(self._charuco.generateImage((self.columns * pixels, self.rows * pixels)))
-        squares = (np.indices((self.rows, self.columns)).sum(axis=0) % 2).astype(np.uint8) * 255
-        return squares.repeat(pixels, axis=0).repeat(pixels, axis=1)
-
 
 def _rectangle(x: float, y: float, width: float, height: float) -> str:
     return f'<rect x="{x:.3f}" y="{y:.3f}" width="{width:.3f}" height="{height:.3f}"/>'

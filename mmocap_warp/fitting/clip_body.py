@@ -121,7 +121,6 @@ def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float
         if answers and np.ravel(answer.status)[0] == STATUS.index("lost"):
             break
         answers.append(answer)
-
     # Backwards from the last frame before that, by contours alone: the better answer of each frame is taken.
     last = len(answers) - 1
     subject_there = replace(subject, pose=answers[last].pose[0])
@@ -129,7 +128,6 @@ def follow(subject: Subject, rig: CameraRig, clip: list[Observation], fps: float
     for step, answer in enumerate(track_frames(back, reversed(observed[:last])), 1):
         if answer.cost[0] < (1 - _LEAST_GAIN) * answers[last - step].cost[0]:
             answers[last - step] = answer
-
     rooted = [rooting.enter(answer.pose.astype(float)) for answer in answers]
     course = rooted[0].followed_by(*rooted[1:])
     neighbours = Neighbours.of(course, np.arange(len(course)), fps, curved=False)
@@ -158,7 +156,6 @@ def solve_body(
     )  # fmt: skip
     for place, observation in enumerate(followed.observation):
         fitter.observe(place, observation)
-
     worn = loose_joints(subject)
     share = _CLOTHED * PRIOR if worn else PRIOR
     problem, rooted = body_problem(fitter, space, subject.root_base, share, followed.neighbours, still), followed.rooted
@@ -174,13 +171,11 @@ def solve_body(
         hide_clothes(worn, rooted, beta)
     solution = problem.solved(np.arange(count), rooted, beta, _BODY_STEPS)
     departure, cost = _departure(space, solution.beta), float(solution.cost.mean())
-
     # A body far from its family, and thicker, may be in loose clothes: if it comes nearer without them, it is.
     if not worn and departure > MAX_DEPARTURE and (thick := _thick_joints(space, solution.beta)):
         without = _solved_without(partial(hide_clothes, thick), problem, solution)
         if _departure(space, without.beta) < _GAIN * departure and without.cost.mean() < _MOST_COST * cost:
             solution, worn, departure = without, thick, _departure(space, without.beta)
-
     pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
     shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}

@@ -269,14 +269,12 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     finalists = sorted(by_turns(fits, FrameFit.with_limbs_found, finalists, *zip(*rounds, strict=True)), key=_cost)
     finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
     best = finalists[0]
-
     # Limbs that explain each other's masks: both from rest, or each from the other's place.
     anew, exchanged = frame.with_pairs_anew(best), frame.with_places_exchanged(best)
     better = min(anew + exchanged, key=_cost, default=best)
     if better.cost < best.cost:
         best = frame.with_limbs_found(better, _ROUNDS)
     task.progress("limbs", _LIMBS_SHARE, best.cost)
-
     # Other ways to see the frame: the best that faces the other way, and the best with two limbs exchanged.
     turned = [guess for guess in finalists + guesses if _turned(skeleton, best, guess)]
     others: dict[str, Guess] = {}
@@ -292,7 +290,6 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     swapped = [guess for guess in swapped if _differ(there, task.subject(guess, {}))]
     if swapped:
         others["swapped"] = min(swapped, key=_cost)
-
     # One of them may be the best in the end.
     for name, other in others.items():
         if other.cost < best.cost:
@@ -359,10 +356,5 @@ def _headings(task: _Task, frame: FirstFrame) -> list[list[Guess]]:
         kinds = [turned_about(usual_poses(body.skeleton, body.rigid, config.seed), most, True)]
     if given is None and far and not body.rigid and body.motion_poses is not None:
         kinds.append(turned_about(body.motion_poses, config.headings, False))
-    return [[_guess(task, shapes, coordinates) for coordinates in candidates] for candidates in kinds]
-
-
-def _guess(task: _Task, shapes: ShapeSpace, coordinates: np.ndarray) -> Guess:
-    """A candidate of a space (coordinate,) float32."""
-    subject = shapes.subject(coordinates.astype(np.float64), {})
-    return Guess(task.space.nearest(subject.body), subject.root_base, subject.pose)
+    subjects = ((shapes.subject(coordinates.astype(np.float64), {}) for coordinates in kind) for kind in kinds)
+    return [[Guess(task.space.nearest(each.body), each.root_base, each.pose) for each in kind] for kind in subjects]

@@ -181,7 +181,6 @@ def _joint_errors(
     series["pa_mpjpe_mm"] = pose_errors.on_all_frames(aligned, mine, result)
     ends = [i for i, name in enumerate(names) if name in skeleton.ends]
     lost = (distance[..., ends] > pose_errors.LOST_LIMB * _METRES_TO_MM).any(axis=(0, 2))
-
     # A joint's offset is constant in the axes of its parent, the root's in its own.
     axes = [max(skeleton.parent[skeleton.index(name)], 0) for name in names]
     left, _ = pose_errors.offset_free_distance(result, mine, tracked, axes, known)

@@ -107,7 +107,6 @@ class Objective:
         coordinates = len(shapes) if shapes else body.skeleton.coordinates
         self._shapes = ShapeArrays(shapes, device) if shapes else None
         self.prior = wp.zeros(coordinates, dtype=wp.float32, device=device)
-
         self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
         self.cost = wp.zeros(candidates, dtype=wp.float32, device=device)
         self.count = self._silhouettes.canvas.count

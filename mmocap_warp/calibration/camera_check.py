@@ -121,7 +121,6 @@ def check(
     adjustment = Adjustment(scene, body, config or AdjustConfig())
     report = progress or (lambda stage, done: None)
     rig, footage = adjustment.given, adjustment.footage
-    # Coherence is reported for every camera.
     observations = footage.observations(np.zeros(len(rig)))
     covered = coherence(rig, observations[:: max(1, len(observations) // _FRAMES)])
     report("silhouettes", 0.1)

@@ -64,7 +64,6 @@ def look(
     rig, compared = views.rig, views.compared
     if len(rig) < 2:
         return FirstLook(f"has one view, {rig.names[0]}, and two or more are needed", "add a camera")
-    # Masks by themselves.
     problem, remedy = _mask_fault(scene, rig, views.frames)
     if problem is not None:
         return FirstLook(problem, remedy)

@@ -27,10 +27,8 @@ from mmocap_warp.commands.outputs import release_locks
 from mmocap_warp.errors import InputError, UsageError
 
 _REFERENCES = "MMOCAP_ALLOW_REFERENCES"
-_NO_ROOM = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of what is written to, be it stdout or a file."""
-_LOADING = {("context.py", "load"), ("build.py", "init_kernel_cache")}
-"""Warp's functions, by file, that read and write its kernel cache."""
+_NO_ROOM = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of what is written to, be it stdout or a file
+_LOADING = {("context.py", "load"), ("build.py", "init_kernel_cache")}  # by file, what reads and writes Warp's kernels
 
 app = App(
     name="mmocap",

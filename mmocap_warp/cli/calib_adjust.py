@@ -18,16 +18,15 @@ if TYPE_CHECKING:
 
 AdjustFlags, DeviationFlags = flags_of(AdjustConfig), flags_of(Deviations)
 
-_DEGREES, _MILLIMETRES = ("deg", 57.29577951308232), ("mm", 1000.0)
+# The unit in which each of ``camera_changes.KINDS`` is shown, and what its own value is multiplied by.
 _UNITS: dict[str, tuple[str, float]] = {
-    **dict.fromkeys(("tilt", "pan", "roll"), _DEGREES),
-    **dict.fromkeys(("right", "down", "ahead"), _MILLIMETRES),
+    **dict.fromkeys(("tilt", "pan", "roll"), ("deg", 57.29577951308232)),
+    **dict.fromkeys(("right", "down", "ahead"), ("mm", 1000.0)),
     "focal": ("%", 100.0),
     **dict.fromkeys(("centre_x", "centre_y"), ("px", 1.0)),
     "radial": ("", 1.0),
     "offset": ("ms", 1000.0),
 }
-"""The unit in which each of ``camera_changes.KINDS`` is shown, and what its own value is multiplied by."""
 
 
 @command(
@@ -146,7 +145,6 @@ def _refinement_lines(result: Refinement) -> list[str]:
     """What moved, what did not, and what that is worth, for people."""
     import numpy as np
 
-    # The parameters that moved.
     names = result.rig.names
     rows: list[tuple[str, ...]] = [("camera", "moved", "by", "+-", "")]
     for k, kind in np.argwhere(result.moved):
@@ -158,7 +156,6 @@ def _refinement_lines(result: Refinement) -> list[str]:
     lines.append(f"fixed: {fixed}; parameters that are not listed have not changed")
     if unknown := [f"{names[k]} {KINDS[kind].replace('_', ' ')}" for k, kind in np.argwhere(result.undetermined)]:
         lines.append(f"not determined by these masks: {', '.join(unknown)}")
-    # How well held-out frames are explained.
     held_out: list[tuple[str, ...]] = [("held-out frames", "IoU before", "after", "by the others before", "after")]
     columns = (result.before.together, result.after.together, result.before.apart, result.after.apart)
     held_out += [(name, *(f"{column[k]:.3f}" for column in columns)) for k, name in enumerate(names)]

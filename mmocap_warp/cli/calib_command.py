@@ -83,7 +83,6 @@ def _lines(scene: Scene, cameras: SolvedCameras, values: dict[str, Any], height:
     import numpy as np
 
     output, picture = values["calibration"], values["picture"]
-    # A row for each camera.
     rows: list[tuple[str, ...]] = [_COLUMNS]
     for row in values["cameras"]:
         focal = f"{row['focal_px']:.0f} px, {row['focal']}"

@@ -208,7 +208,6 @@ def _join_views(views: ViewEquations, by_camera: np.ndarray, shared: int, own: n
         matrix[:, :shared, place] = moved[:, k, :shared]
         matrix[:, place, :shared] = np.swapaxes(moved[:, k, :shared], 1, 2)
         matrix[:, place, place], gradient[:, place] = square[:, k], toward[:, k]
-    # Only parameters that are solved for stay.
     kept = np.concatenate([np.ones(shared, bool), own.ravel()])
     return NormalEquations(matrix[:, kept][:, :, kept], gradient[:, kept], views.cost.sum(axis=1))
 

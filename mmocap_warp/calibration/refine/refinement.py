@@ -109,7 +109,6 @@ def refine(
     """
     adjustment = Adjustment(scene, body, config or AdjustConfig())
     report = progress or (lambda stage, done: None)
-    # A rough start.
     change = adjustment.start()
     report("silhouettes", 0.05)
     subject = adjustment.fit_body(change)
@@ -149,7 +148,6 @@ def _select_and_judge(
     adjustment: Adjustment, change: np.ndarray, person: Person, sigma: np.ndarray, fixed: int | None
 ) -> Refinement:
     """The refinement in which only those parameters change that have to, judged by held-out frames."""
-    # Which parameters have to change.
     solution = adjustment.solve(change, person, sigma, again=True)
     free = solution.free
     moved, determined, deviation = np.zeros(free.shape, bool), ~free, np.zeros(free.shape)

@@ -124,7 +124,6 @@ def place_on_floor(names: Sequence[str], views: Sequence[StandingView]) -> tuple
     Raises:
         UnsolvableError: a view that shares too few frames with the others.
     """
-    # The view with most frames is placed first.
     tracks = np.stack([view.track for view in views])  # (camera, frame, 2)
     seen = np.isfinite(tracks[..., 0])
     turn, shift = np.zeros((len(views), 2, 2)), np.zeros((len(views), 2))

@@ -30,7 +30,6 @@ def level_world(cameras: Pinholes, person: PersonInViews, stature: float | None)
     Raises:
         UnsolvableError: too few points of heads or of feet.
     """
-    # Points of heads and feet.
     heads, head_frame, feet, foot_frame = head_and_foot_points(cameras, person)
     if min(len(heads), len(feet)) < _MIN_POINTS:
         raise UnsolvableError(

@@ -110,7 +110,6 @@ def residuals(cameras: Pinholes, tangents: Tangents) -> np.ndarray:
     line = line / np.linalg.norm(line, axis=-1, keepdims=True)
     along = np.array([np.einsum("ni,ni->n", each, line) for each in (a, b)])
     sine = np.einsum("ni,ni->n", line, np.cross(a, b))
-    # The angle between the planes.
     angle = np.arctan2(sine, np.einsum("ni,ni->n", a, b) - along[0] * along[1])
     # A plane that turns by an angle moves its trace in a view by that angle times the sine between ray and line.
     share = 1 / np.maximum(cameras.focal[tangents.camera, 0] ** 2 * (1 - along**2), 1e-12)

@@ -132,7 +132,6 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
             kept.add(mask)
         if progress:
             progress(number + 1, recorded.frame_count)
-    # Offsets by motion.
     signals = [_signals(motion, scene, k) for k, motion in enumerate(motions)]
     scores, offsets = _offsets_by_motion(signals, scene.fps, within)
     courses, hull, by_hull = _courses_by_motion(signals, offsets, scene.fps), None, None

@@ -18,24 +18,21 @@ from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.silhouettes.silhouettes import Silhouettes
 
 KERNELS, EVALUATION = "kernels", "whole evaluation"
-POSED_APART = 1e-5
-"""How far a vertex may be from where other kernels put it [m]."""
-COST_APART = 1e-6
-"""How far a cost may be from the one in double precision."""
-
+_POSED_APART = 1e-5  # metres: how far a vertex may be from where other kernels put it
+_COST_APART = 1e-6  # how far a cost may be from the one in double precision
+_PIXELS_APART = 1e-4  # share of the pixels that a GPU may count differently from a CPU
 _LEFT_ARM = 2  # of the six parts
-
-PIXELS_APART = 1e-4
-"""Share of the pixels that a GPU may count differently from a CPU."""
-
 _COMPARED = 64  # candidates with the CPU: one thread takes its time
 
 
 def stages(load: Workload, candidates: int, device: str) -> Iterator[list[Case]]:
     """The kernels for so many candidates, those to be compared together."""
     yield [_posing(load, candidates, device)]
-    posed = load.posed(candidates, device)
-    drawn = {renderer: _drawing(load, renderer, posed, device) for renderer in RENDERERS}
+    posed, batch = load.posed(candidates, device), batch_of(0, candidates, candidates, device)
+    drawn: dict[str, tuple[partial, wp.array]] = {}  # what draws and counts, and where the counts are
+    for renderer in RENDERERS:
+        silhouettes = _silhouettes(load, candidates, renderer, device)
+        drawn[renderer] = partial(silhouettes.draw, posed, silhouettes.whole, batch), silhouettes.canvas.count
     sizes = {"candidates": candidates} | load.sizes
     yield [
         Case(KERNELS, renderer, sizes, work, partial(_same_counts, drawn), candidates)
@@ -57,17 +54,10 @@ def _posing(load: Workload, candidates: int, device: str) -> Case:
 
     def check() -> Check:
         apart = float(np.abs(posed.numpy() - load.vertices(poses)).max())
-        return Check(f"within {apart * 1e6:.1f} µm of the viewers' kernels", apart <= POSED_APART)
+        return Check(f"within {apart * 1e6:.1f} µm of the viewers' kernels", apart <= _POSED_APART)
 
     sizes = {"candidates": candidates, "vertices": vertices}
     return Case(KERNELS, "posing and skinning", sizes, work, check, candidates)
-
-
-def _drawing(load: Workload, renderer: str, posed: wp.array, device: str) -> tuple[partial, wp.array]:
-    """What draws and counts, and where the counts are."""
-    silhouettes = _silhouettes(load, posed.shape[0], renderer, device)
-    batch = batch_of(0, posed.shape[0], posed.shape[0], device)
-    return partial(silhouettes.draw, posed, silhouettes.whole, batch), silhouettes.canvas.count
 
 
 def _silhouettes(load: Workload, candidates: int, renderer: str, device: str) -> Silhouettes:
@@ -123,7 +113,7 @@ def _cost(load: Workload, count: wp.array, device: str) -> Case:
         model, overlap = np.moveaxis(count.numpy().astype(float), -1, 0)
         expected = np.mean(1 - overlap / 2 * (1 / model + 1 / load.observation.foreground), axis=1)
         apart = float(np.abs(cost.numpy() - expected).max())
-        return Check(f"within {apart:.0e} of double precision", apart <= COST_APART)
+        return Check(f"within {apart:.0e} of double precision", apart <= _COST_APART)
 
     work = partial(cost_of_counts, PAPER, views, count, pose, prior, batch, cost)
     return Case(KERNELS, "cost", {"candidates": candidates, "cameras": count.shape[1]}, work, check, candidates)
@@ -152,7 +142,7 @@ def _evaluation(group: str, load: Workload, objective: Objective, renderer: str,
         reference = counts()
         count = objective.count.numpy()[: len(reference)].astype(int)
         apart, pixels = int(np.abs(count - reference).sum()), int(reference[..., 0].sum())
-        allowed = 0 if device == "cpu" else PIXELS_APART * pixels
+        allowed = 0 if device == "cpu" else _PIXELS_APART * pixels
         return Check(f"{apart} of {pixels:,} pixels off the CPU's raster", apart <= allowed and bool((cost < 1).all()))
 
     return Case(group, renderer, sizes, partial(objective.evaluate, candidates), check, candidates)

@@ -279,21 +279,17 @@ def _check_camera(rig: CameraRig, k: int, where: str) -> None:
     if (K[[1, 2, 2, 2], [0, 0, 1, 2]] != [0, 0, 0, 1]).any():
         raise InputError(where, "K is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]", "give the intrinsics in that order")
     if rig.names[k] in rig.fisheye:
-        _check_fisheye(rig, k, where)
+        remedy = "see that these are k1 k2 k3 k4 of OpenCV's fisheye model"
+        if folds_over(K, rig.size[k], rig.distortion[k]):
+            raise InputError(where, "the fisheye distortion folds the image over itself", remedy)
+        _, size = rig.pinhole(k)
+        if (size > _MAX_GROWTH * rig.size[k]).any() or (size * _MAX_GROWTH < rig.size[k]).any():
+            raise InputError(where, f"undistorted, this fisheye's image has {size[0]}x{size[1]} pixels", remedy)
     error = np.abs(rig.R[k] @ rig.R[k].T - np.eye(3)).max()
     if error > 1e-4:
         raise InputError(where, f"R is not orthonormal (off by {error:.2g})", "give a 3x3 rotation, world to camera")
     if np.linalg.det(rig.R[k]) < 0:
         raise InputError(where, "R is mirrored (determinant -1)", "use a right-handed world and camera frame")
-
-
-def _check_fisheye(rig: CameraRig, k: int, where: str) -> None:
-    remedy = "see that these are k1 k2 k3 k4 of OpenCV's fisheye model"
-    if folds_over(rig.K[k], rig.size[k], rig.distortion[k]):
-        raise InputError(where, "the fisheye distortion folds the image over itself", remedy)
-    _, size = rig.pinhole(k)
-    if (size > _MAX_GROWTH * rig.size[k]).any() or (size * _MAX_GROWTH < rig.size[k]).any():
-        raise InputError(where, f"undistorted, this fisheye's image has {size[0]}x{size[1]} pixels", remedy)
 
 
 def _check_metres(rig: CameraRig, source: object) -> None:

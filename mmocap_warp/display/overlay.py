@@ -98,7 +98,14 @@ def draw_view(
         None if mask is None else window.picture(mask.astype(np.uint8) * 255, image_size, cv2.INTER_LINEAR) > 127
         for mask in (seen.mask for seen in bodies)
     ]
-    canvas = _background(window, image_size, image, [mask for mask in masks if mask is not None])
+    if image is not None:
+        picture = window.picture(image, image_size, cv2.INTER_AREA)
+        canvas = picture.copy() if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+    else:
+        canvas = np.full((window.size[1], window.size[0], 3), PAPER, np.uint8)
+        for mask in masks:
+            if mask is not None:
+                canvas[mask] = _SEEN
     names: list[tuple[Look, np.ndarray]] = []
     for seen, mask in zip(bodies, masks, strict=True):
         model = silhouette(window.points(seen.vertices), seen.body.tracking_face, window.size)
@@ -151,18 +158,6 @@ def write_text(canvas: np.ndarray, text: str, corner: tuple[int, int], colour: C
 def fixed_point(values: np.ndarray) -> np.ndarray:
     """Coordinates [px] as OpenCV takes them, int32 with ``SUBPIXEL_BITS`` binary digits after the point."""
     return np.rint(values * (1 << SUBPIXEL_BITS)).astype(np.int32)
-
-
-def _background(
-    window: Window, image_size: tuple[int, int], image: np.ndarray | None, masks: Sequence[np.ndarray]
-) -> np.ndarray:
-    if image is not None:
-        picture = window.picture(image, image_size, cv2.INTER_AREA)
-        return picture.copy() if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
-    canvas = np.full((window.size[1], window.size[0], 3), PAPER, np.uint8)
-    for mask in masks:
-        canvas[mask] = _SEEN
-    return canvas
 
 
 def _draw_contour(canvas: np.ndarray, filled: np.ndarray, colour: Colour) -> None:

@@ -183,17 +183,14 @@ def show_subject(
         write_text(view, name, (6, 6), size=0.4)
     columns = math.ceil(len(views) / math.ceil(len(views) / _STILL_COLUMNS))  # rows as long as each other, or nearly
     canvas, _ = _tile([views[first : first + columns] for first in range(0, len(views), columns)])
-    write_text(canvas, _title(subject), (6, 9))
+    # The body's name, and its fitted height; its length if it lies or goes on four legs.
+    title, known = subject.body.name, subject.provenance
+    measure, adjective = ("length", "long") if "body.length" in known else ("height", "tall")
+    if f"body.{measure}" in known and f"body.{measure}.sigma" in known:
+        size, sigma = float(known[f"body.{measure}"]), float(known[f"body.{measure}.sigma"])
+        title += f"   {size:.2f} +- {sigma:.2f} m {adjective}"
+    write_text(canvas, title, (6, 9))
     write_png(sheet, canvas)
-
-
-def _title(subject: Subject) -> str:
-    """The body's name, and its fitted height; its length if it lies or goes on four legs."""
-    measure, adjective = ("length", "long") if "body.length" in subject.provenance else ("height", "tall")
-    size, sigma = (subject.provenance.get(key) for key in (f"body.{measure}", f"body.{measure}.sigma"))
-    if size is None or sigma is None:
-        return subject.body.name
-    return f"{subject.body.name}   {float(size):.2f} +- {float(sigma):.2f} m {adjective}"
 
 
 def _rig_around(subject: Subject) -> CameraRig:
@@ -337,10 +334,7 @@ def video_layout(result: Result, whole: bool = False, others: Sequence[Result] =
 
 
 def _boxes(bodies: list[_ProjectedBody], frames: list[int]) -> np.ndarray:
-    """(camera, 2, 2), the left top and right bottom of what is around the bodies in ``frames`` [px].
-
-    Of a camera that never sees them it is the whole image.
-    """
+    """(camera, 2, 2), left top and right bottom around the bodies in ``frames`` [px]; of the image where unseen."""
     sizes = bodies[0].rig.size.astype(float)
     low, high = np.full_like(sizes, np.inf), np.full_like(sizes, -np.inf)
     for frame in frames:

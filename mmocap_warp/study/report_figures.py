@@ -111,10 +111,8 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
             if (values := cell.curve.get(measure.key)) is not None:
                 # Where there are more frames than a figure can show, the curve's means over a few at a time.
                 step = -(-len(cell.frames) // _CURVE_POINTS)
-                if step > 1:
-                    starts = range(0, len(values), step)
-                    values = np.array([nanmean(values[start : start + step], axis=0) for start in starts])
-                points[who.algorithm] = cell.frames[::step], values, cell.frames[-1]
+                means = np.array([nanmean(values[at : at + step], axis=0) for at in range(0, len(values), step)])
+                points[who.algorithm] = cell.frames[::step], means, cell.frames[-1]
     if not points.keys() & set(study.algorithms):
         return ""
     first, last = min(numbers[0] for numbers, *_ in points.values()), max(last for *_, last in points.values())

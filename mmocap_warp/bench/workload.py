@@ -78,10 +78,7 @@ class Workload:
 
 
 def workload(cameras: int = CAMERAS, size: tuple[int, int] = SIZE) -> Workload:
-    """The measure, or with other sizes: of cameras on a ring, and their width and height [px].
-
-    The body fills the same share of an image.
-    """
+    """The measure, or with another number of cameras or size of images [px]; the body fills the same share of them."""
     return Workload(read_body(ROOT / "bodies" / "adult_man.usdc"), _ring(cameras, size))
 
 

@@ -15,10 +15,7 @@ from mmocap_warp.study.wording import counted, extent, listed, named, over, with
 
 
 def trackers_section(study: StudySummary) -> Section | None:
-    """Error against time, our tracker against the best of the others, and everything in one table.
-
-    None where there is nothing beside the grid.
-    """
+    """Error against time, our tracker against the others' best, and everything in one table; None for a grid alone."""
     main, parts = study.measures[0], [fill("trackers")]
     placed = {} if main.higher_is_better else report_figures.times_and_errors(study, main)
     table = overview.lead_table(study, study.sequences)

@@ -52,10 +52,7 @@ class Deviations:
                 raise ValueError(f"{name} must be finite and not negative, got {value}")
 
     def of(self, rig: CameraRig) -> np.ndarray:
-        """(camera, parameter) these deviations in the parameters' units, for images of a rig's sizes.
-
-        Distortion is held.
-        """
+        """(camera, parameter) these deviations in the parameters' units, for a rig's images; distortion is held."""
         sigma = np.zeros((len(rig), len(KINDS)))
         sigma[:, ROTATION], sigma[:, POSITION] = np.radians(self.rotation), self.position
         sigma[:, FOCAL], sigma[:, CENTRE] = self.focal, self.centre * rig.size.max(axis=1)[:, None]

@@ -160,10 +160,7 @@ class LandmarkProblem:
         return change(least_squares(residuals, np.zeros(int(free.sum())), loss="soft_l1", x_scale=1.0, max_nfev=50).x)
 
     def errors(self, change: np.ndarray) -> np.ndarray:
-        """(frame, camera, point, 2) reprojection errors of points that all cameras triangulate [m at the body].
-
-        NaN where a point is seen by fewer than two cameras.
-        """
+        """(frame, camera, point, 2) reprojection errors [m at the body]; NaN where fewer than two cameras see it."""
         rig, plane, known, point = self._triangulated(change)
         # The points' distances from each ray, across the camera's axis.
         inside = np.einsum("kij,fpj->fkpi", rig.R, point) + rig.t[:, None]

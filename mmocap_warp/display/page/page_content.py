@@ -258,10 +258,7 @@ def _sigma(sigma: np.ndarray) -> Packed:
 
 
 def _truth(result: Result, truth: Truth) -> dict[str, Any] | None:
-    """True places of joints, or of markers, at the page's frames, and which of them are joined by bones.
-
-    None where no place is known at these frames.
-    """
+    """True places of joints, or of markers, at the page's frames, and the bones between; None where none is known."""
     truth = at_rate(truth, result.fps)
     names, places = (truth.joint_names, truth.joints) if truth.joint_names else (truth.marker_names, truth.markers)
     points = np.full((len(result.frame_numbers), len(names), 3), np.nan)

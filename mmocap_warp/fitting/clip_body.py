@@ -182,7 +182,7 @@ def solve_body(
     provenance = kept | {"fit.frames": count} | measurements(space, solution) | shape
     provenance |= ({"fit.departure": departure} if departure else {}) | ({LOOSE: "+".join(worn)} if worn else {})
     solved = replace(subject, body=space.model(solution.beta), pose=pose, provenance=provenance)
-    return with_base_still(solved, own) if still else solved, cost
+    return on_its_base(solved, own) if still else solved, cost
 
 
 def _departure(space: RestSpace, beta: np.ndarray) -> float:
@@ -212,7 +212,7 @@ def _solved_without(
     return solution
 
 
-def with_base_still(subject: Subject, skeleton: Skeleton) -> Subject:
+def on_its_base(subject: Subject, skeleton: Skeleton) -> Subject:
     """The subject with a skeleton whose root stands still: where it lies is in the root base, and no more in angles."""
     free = subject.body.skeleton
     there = Rooting(free, subject.root_base, free.searched()).enter(subject.pose[None])

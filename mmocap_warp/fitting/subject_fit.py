@@ -32,14 +32,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
-from mmocap_warp.fitting.clip_body import (
-    InClip,
-    follow,
-    frames_to_follow,
-    solve_body,
-    solve_body_in_clip,
-    with_base_still,
-)
+from mmocap_warp.fitting.clip_body import InClip, follow, frames_to_follow, on_its_base, solve_body, solve_body_in_clip
 from mmocap_warp.fitting.fit_config import KNOWN, LONGEST_IMAGE, FitConfig
 from mmocap_warp.fitting.frame_fit import PATIENCE, FrameFit, Guess, by_turns
 from mmocap_warp.fitting.screening import screened_starts, usual_poses
@@ -248,7 +241,7 @@ class _Task:
         """A guess with its provenance."""
         settings = {f"fit.{name}": value for name, value in asdict(self.config).items() if value is not None}
         subject = Subject(self.space.model(guess.beta), guess.root_base, guess.pose, settings | found)
-        return with_base_still(subject, self.generic.skeleton) if self.generic.skeleton.root_is_fixed else subject
+        return on_its_base(subject, self.generic.skeleton) if self.generic.skeleton.root_is_fixed else subject
 
 
 def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str, Guess]]:

@@ -32,10 +32,8 @@ _RANKS: dict[tuple[int, int], tuple[str, ...]] = {
 
 def average_ranks(model: int, evaluations: int) -> dict[str, Fraction]:
     """Average rank by algorithm, the printed decimals restored to the ninths that nine sequences give."""
-    printed = _RANKS[model, evaluations]
-    return {
-        name: Fraction(round(float(rank) * BLOCKS), BLOCKS) for name, rank in zip(ALGORITHM_ORDER, printed, strict=True)
-    }
+    printed = zip(ALGORITHM_ORDER, _RANKS[model, evaluations], strict=True)
+    return {name: Fraction(round(float(rank) * BLOCKS), BLOCKS) for name, rank in printed}
 
 
 def printed_ranks(model: int, evaluations: int) -> dict[str, float]:

@@ -43,22 +43,20 @@ def triangulated(faces: np.ndarray) -> np.ndarray:
     return faces if faces.shape[1] == 3 else np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
 
 
-def attach(
-    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, allowed: np.ndarray | None = None
-) -> SkinPoints:
+def attach(points: np.ndarray, vertices: np.ndarray, face: np.ndarray, allowed: np.ndarray | None = None) -> SkinPoints:
     """Attach points to the nearest place on a posed mesh; what lies between a point and the skin is dropped.
 
     Args:
         points: (point, 3) [m].
         vertices: (vertex, 3), the mesh in the pose in which the points were seen [m].
-        faces: (face, 3) or (face, 4) vertex indices.
+        face: (face, 3) or (face, 4) vertex indices.
         allowed: (point, vertex) bool, where on the skin each may be: on triangles with such a corner; None for
             anywhere.
 
     Raises:
         ValueError: a point has no triangle where it may be.
     """
-    triangles = triangulated(faces)
+    triangles = triangulated(face)
     corner = vertices[triangles].astype(np.float64)
     centre = corner.mean(axis=1)
     radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)

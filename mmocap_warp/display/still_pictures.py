@@ -98,13 +98,9 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
     points = np.concatenate([body.tracking.rest.astype(float), body.joint_rest, *_slides(body).values()])
     low, high = points.min(axis=0), points.max(axis=0)
     views = [_view(body, name, low, high) for name in _VIEWS]
-    tall = max(view.shape[0] for view in views)
-    canvas = np.full((tall + _HEADER, sum(view.shape[1] for view in views), 3), PAPER, np.uint8)
-    left = 0
-    for name, view in zip(_VIEWS, views, strict=True):
-        canvas[_HEADER : _HEADER + view.shape[0], left : left + view.shape[1]] = view
-        write_text(canvas, name, (left + 8, _HEADER + 8))
-        left += view.shape[1]
+    tall = max(map(len, views))
+    edges = [((_HEADER, tall - len(view)), (0, 0), (0, 0)) for view in views]  # the paper is gray
+    canvas = np.hstack([np.pad(view, edge, constant_values=PAPER[0]) for view, edge in zip(views, edges, strict=True)])
     skeleton, size = body.skeleton, high - low
     text = f"{body.name}   {size[0]:.3g} x {size[1]:.3g} x {size[2]:.3g} m   {len(skeleton.joints)} joints   "
     end = write_text(canvas, f"{text}{len(skeleton.searched())} degrees of freedom", (8, 9))
@@ -163,6 +159,7 @@ def _view(body: BodyModel, name: str, low: np.ndarray, high: np.ndarray) -> np.n
     for joint, side in enumerate(map(skeleton.side, skeleton.joints)):
         sheet.dot(place[joint], COLOUR_OF_SIDE[side])
     _write_names(sheet, skeleton.joints, place)
+    write_text(sheet.image, name, (8, 8))
     return sheet.image
 
 

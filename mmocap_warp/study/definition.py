@@ -30,7 +30,6 @@ class Plan:
 class Study:
     """A study."""
 
-    path: Path  # its file
     name: str  # what it is called
     plans: tuple[Plan, ...]  # one per cell, in the file's order
 
@@ -69,7 +68,7 @@ def load_study(path: str | Path) -> Study:
         for plan in _grid(grid, number, common, scenes):
             if plans.setdefault(plan.cell, plan) != replace(plan, grid=plans[plan.cell].grid):
                 raise grid.error(f"{plan.cell} is in an earlier grid with other seeds or frames", "keep one of them")
-    return Study(path, name, tuple(plans.values()))
+    return Study(name, tuple(plans.values()))
 
 
 _WHOLE: dict[str, tuple[int | None, int]] = {"seeds": (1, 1), "first_seed": (0, 0), "frames": (None, 1)}

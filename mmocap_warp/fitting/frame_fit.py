@@ -21,9 +21,7 @@ from mmocap_warp.tracking.limb_pairs import Limb, like_limbs, limb_pairs, limbs,
 PRIOR = 0.3
 """How much nearer to the generic body a subject is expected than RestSpace's standard deviations say."""
 
-SPREAD_FACTOR = 2.5
-"""Limbs are drawn with so many times the standard deviations that angles have when a recording starts."""
-
+_SPREAD_FACTOR = 2.5  # standard deviations that angles have when a recording starts, by which limbs are drawn
 _POSE_PRIOR = 1e-4  # pull to the rest pose, per squared standard deviation of an angle
 _DRAWS = 320  # draws of a limb's angles
 _TRIED = 24  # best draws that are fitted roughly
@@ -163,7 +161,7 @@ class FrameFit:
         """
         reach, skeleton = limb.reach, self._skeleton
         low, high = np.clip(skeleton.coordinate_limits[reach], -np.pi, np.pi).T
-        spread = SPREAD_FACTOR * skeleton.spread[(reach - TRANSLATION) // 3]
+        spread = _SPREAD_FACTOR * skeleton.spread[(reach - TRANSLATION) // 3]
         drawn = np.tile(guess.pose, (_DRAWS, 1))
         drawn[:, reach] = random.uniform(low, high, (_DRAWS, len(reach)))
         near = random.normal(0.0, spread, (_DRAWS // 2, len(reach)))

@@ -15,9 +15,8 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import write_whole
 
-PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions", "code", "code_covers")
-"""The parts of ``meta`` that say where and when a result was made: with the seconds, all that a repetition changes."""
-
+# The parts of ``meta`` that say where and when a result was made: with the seconds, all that a repetition changes.
+_PROVENANCE = ("study", "host", "started", "wall_seconds", "versions", "code", "code_covers")
 PROVENANCE_FILE = "provenance.json"
 """The member of a result's file that holds these."""
 
@@ -82,8 +81,8 @@ def write_cell(path: Path, result: CellResult) -> None:
     Raises:
         InputError: its folder cannot be written to, or the disk is full.
     """
-    measured = {name: result.meta[name] for name in PROVENANCE if name in result.meta}
-    known = {name: value for name, value in result.meta.items() if name not in PROVENANCE}
+    measured = {name: result.meta[name] for name in _PROVENANCE if name in result.meta}
+    known = {name: value for name, value in result.meta.items() if name not in _PROVENANCE}
     per_run = dict(result.per_run)
     if "seconds" in per_run:
         measured["seconds"] = per_run.pop("seconds").tolist()

@@ -123,10 +123,9 @@ def cut_out(clip: OpenClip, views: int, labelled: bool = False) -> OpenClip:
     return _with_masks(clip, cut)
 
 
-Step = Callable[[OpenClip, float, int, bool], OpenClip]
-"""From a clip, an amount, a seed, and whether what is in the way is labelled."""
-
-_STEPS: dict[str, tuple[Step, str]] = {  # in the order in which they are done, with what stands for the amount
+# From a clip, an amount, a seed, and whether what is in the way is labelled.
+_Step = Callable[[OpenClip, float, int, bool], OpenClip]
+_STEPS: dict[str, tuple[_Step, str]] = {  # in the order in which they are done, with what stands for the amount
     "passer-by": (lambda clip, amount, seed, labelled: passed_by(clip, labelled), ""),
     "furniture": (lambda clip, amount, seed, labelled: furnished(clip, labelled), ""),
     "fps": (lambda clip, amount, seed, labelled: fewer_frames(clip, amount), "RATE"),
@@ -135,20 +134,19 @@ _STEPS: dict[str, tuple[Step, str]] = {  # in the order in which they are done, 
     "calibration": (lambda clip, amount, seed, labelled: wrong_calibration(clip, amount, seed), "PIXELS"),
     "labelled": (lambda clip, amount, seed, labelled: clip, ""),
 }
-
-FORMS: tuple[str, ...] = tuple(f"{name}={amount}" if amount else name for name, (_, amount) in _STEPS.items())
-"""How degradations are written."""
+# How degradations are written.
+_FORMS = tuple(f"{name}={amount}" if amount else name for name, (_, amount) in _STEPS.items())
 
 
 def parse(text: str) -> dict[str, float]:
-    """Amounts by the names in ``FORMS``, infinite for ``all``; a ValueError for what is not as in these."""
+    """Amounts by the names in ``_FORMS``, infinite for ``all``; a ValueError for what is not as in these."""
     if text == NONE:
         return {}
     amounts: dict[str, float] = {}
     for step in text.split("+"):
         name, given, amount = step.partition("=")
         if name not in _STEPS or bool(given) != bool(_STEPS[name][1]) or name in amounts:
-            raise ValueError(f"degradation must be {NONE} or {', '.join(FORMS)}, or some joined by +, got {text!r}")
+            raise ValueError(f"degradation must be {NONE} or {', '.join(_FORMS)}, or some joined by +, got {text!r}")
         try:
             amounts[name] = float("inf") if amount == "all" and name == "cut" else float(amount or 0)
         except ValueError:

@@ -22,8 +22,7 @@ from mmocap_warp.masks.observation import Observation
 
 _MARGIN = ((0, 0), (0, 1))  # how arrays (camera, parameter) are padded: the margin of a camera's masks comes last
 _LENGTH_SIGMA = 0.002  # metres: standard deviation of a length that is known
-LARGER = 1.0
-"""Standard deviation of the margin by which a camera's masks are larger than what they show [px]."""
+_LARGER = 1.0  # pixels: standard deviation of the margin by which a camera's masks are larger than what they show
 
 KnownLength = Callable[[np.ndarray, np.ndarray], tuple[float, np.ndarray, np.ndarray]]
 """A length that is known, such as a person's height: it gives the scale.
@@ -63,7 +62,7 @@ class CameraProblem:
     share: float  # of the space's standard deviations, how far from the expected body the person may be
     sigma: np.ndarray  # (camera, parameter) how far cameras may be from ``rig``; zero holds a parameter
     known: tuple[KnownLength, ...] = ()  # lengths that are known
-    larger: float = LARGER  # standard deviation of each camera's margin [px]; 0 holds it
+    larger: float = _LARGER  # standard deviation of each camera's margin [px]; 0 holds it
 
     def __post_init__(self) -> None:
         if not self.rooting.folds or not np.isin(np.arange(3), self.rooting.searched).all():

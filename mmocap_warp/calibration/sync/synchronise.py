@@ -14,9 +14,7 @@ from mmocap_warp.errors import InputError, UsageError, input_errors
 from mmocap_warp.scene.recording import Scene
 
 _MAX_PIXELS = 320  # pixels of the masks' longer side
-WITHIN = 1.0
-"""The largest lag that is looked for by default [s]."""
-
+_WITHIN = 1.0  # seconds: the largest lag that is looked for by default
 _MAX_SHARE = 1 / 3  # share of a clip that a lag may be
 _SHORT = 0.25  # seconds: shorter lags are more plausible than longer ones
 _LONG_SCORE_RATIO = 3.0  # score of a long lag over that of a short one, at least
@@ -108,7 +106,7 @@ class Synchronisation:
         return f"Synchronisation by {by}, {self.fps:g} frames/s: {lags}"
 
 
-def synchronise(scene: Scene, progress: Progress | None = None, within: float = WITHIN) -> Synchronisation:
+def synchronise(scene: Scene, progress: Progress | None = None, within: float = _WITHIN) -> Synchronisation:
     """Find the offsets of a scene's cameras, which lag one another by ``within`` [s] at most.
 
     The offsets that the scene states are not used; its calibration is, where it has the cameras' places.

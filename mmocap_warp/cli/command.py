@@ -3,13 +3,10 @@
 They are read from the function's source, so that neither a help nor a list of commands imports what the work needs.
 """
 
-import __future__
-
 import ast
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
-from copy import copy
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -22,9 +19,8 @@ from cyclopts import Parameter as CliParameter
 from mmocap_warp.cli.console import BAD_INPUT, OK, Console, Identity, Output, ResultFile, SceneFile, Switch, given
 from mmocap_warp.errors import InputError
 
-# What annotations name; the command line has no parameter of any other type.
-_TYPES: dict[str, Any] = {each.__name__: each for each in (str, int, float, bool, tuple, Path)}
-_TYPES |= {"Frames": str, "Literal": Literal}
+_TYPES: dict[str, Any] = {"str": str, "int": int, "float": float, "bool": bool, "Path": Path, "Frames": str}
+_KNOWN = (*_TYPES, "tuple", "Literal")  # the command line has no parameter of any other type
 _FILES: dict[str, Any] = {"scene": SceneFile, "result": ResultFile}
 REQUIRED = Parameter.empty  # the default of a parameter that has none
 BY_PLACE, BY_FLAG, ANY_NUMBER = Parameter.POSITIONAL_ONLY, Parameter.KEYWORD_ONLY, Parameter.VAR_POSITIONAL
@@ -143,11 +139,26 @@ def _signature(own: dict[str, Parameter], types: dict[str, Any], order: list[str
 def _declaration(module: str, name: str) -> tuple[dict[str, Parameter], str]:
     """A function's parameters, with their annotations as text, and its docstring, from its source."""
     (function,) = [each for each in _statements(module) if isinstance(each, ast.FunctionDef) and each.name == name]
-    # Python reads a function that has these alone; it is never called.
-    bare, defined = copy(function), dict[str, Any]()
-    bare.decorator_list, bare.body = [], function.body[:1]
-    exec(compile(ast.Module([bare], []), module, "exec", __future__.annotations.compiler_flag), defined)
-    return dict(inspect.signature(defined[name]).parameters), inspect.getdoc(defined[name]) or ""
+    had = function.args
+    by_place = [*had.posonlyargs, *had.args]
+    defaults = [None] * (len(by_place) - len(had.defaults)) + had.defaults
+    listed: list[tuple[ast.arg | None, Any, ast.expr | None]] = [
+        *((each, Parameter.POSITIONAL_OR_KEYWORD, default) for each, default in zip(by_place, defaults, strict=True)),
+        (had.vararg, Parameter.VAR_POSITIONAL, None),
+        *((each, BY_FLAG, default) for each, default in zip(had.kwonlyargs, had.kw_defaults, strict=True)),
+        (had.kwarg, Parameter.VAR_KEYWORD, None),
+    ]
+    parameters = {
+        each.arg: Parameter(
+            each.arg,
+            kind,
+            default=REQUIRED if default is None else ast.literal_eval(default),
+            annotation=ast.unparse(each.annotation) if each.annotation else "",
+        )
+        for each, kind, default in listed
+        if each is not None
+    }
+    return parameters, inspect.cleandoc(ast.get_docstring(function) or "")
 
 
 @cache
@@ -181,7 +192,7 @@ def _parser_parameter(parameter: Parameter, overrides: Given | None) -> Paramete
 def _type(parameter: Parameter) -> Any:
     """What the command line makes of an annotation: of paths and objects the path, of other types the first."""
     parts = str(parameter.annotation).split(" | ")
-    known = [part for part in parts if part.split("[")[0] in _TYPES]
+    known = [part for part in parts if part.split("[")[0] in _KNOWN]
     if parameter.name == "identity":
         return Identity
     if parameter.default is REQUIRED and parameter.name in _FILES:
@@ -191,5 +202,17 @@ def _type(parameter: Parameter) -> Any:
     if not known:
         return None
     name = "Path" if "Path" in known and parameter.name != "body" else known[0]  # a body may be a shipped one's name
-    type_ = eval(name, {}, _TYPES)
+    type_ = _resolved(ast.parse(name, mode="eval").body)
     return type_ | None if "None" in parts or name == "Frames" else type_
+
+
+def _resolved(node: ast.expr) -> Any:
+    """The type that an annotation names: one of ``_TYPES``, or a tuple or choice of such."""
+    if isinstance(node, ast.Subscript):
+        items = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if isinstance(node.value, ast.Name) and node.value.id == "Literal":
+            return Literal[tuple(ast.literal_eval(each) for each in items)]
+        return tuple[tuple(map(_resolved, items))]  # type: ignore[misc]
+    if isinstance(node, ast.Constant):
+        return node.value  # the dots of a tuple of any length
+    return _TYPES[ast.unparse(node)]

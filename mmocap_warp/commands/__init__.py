@@ -2,6 +2,6 @@
 
 The command line parses, calls one of these functions and prints; ``import mmocap_warp as mm`` has the same functions.
 
-May import: device, jobs, body, cameras, masks, result, biomechanics, formats, scene, rigging, tracking, fitting,
-calibration, display, synthesis, streaming, study, bench.
+May import: device, jobs, body, cameras, masks, result, biomechanics, formats, scene, rigging, contour, tracking,
+fitting, calibration, display, synthesis, streaming, study, bench.
 """

@@ -24,6 +24,7 @@ from mmocap_warp.commands.inputs import (
 )
 from mmocap_warp.commands.mask import with_masks
 from mmocap_warp.commands.outputs import new_file, releases_locks
+from mmocap_warp.commands.track_pieces import checkpoints, spans_of, track_in_pieces
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
 from mmocap_warp.fitting.fit_config import FitConfig
@@ -166,6 +167,7 @@ def track(
     frames: Frames = None,
     identity: int | None = None,
     person: str | None = None,
+    pieces: int = 1,
     again: Result | str | Path | None = None,
     pins: str | Path | list[dict[str, Any]] | None = None,
     resume: bool = False,
@@ -189,6 +191,8 @@ def track(
         frames: which of the recording's frames. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
         person: who is meant of the scene's people, by name; the command also takes all. [default: the scene's, or all]
+        pieces: into which a long clip is cut. Processes that share the threads track them side by side, on the CPU or
+            in turn on all GPUs. Another number gives slightly other poses.
         again: a result of this scene, in which only the frames around pins, or those of --frames, are solved anew; all
             others keep their bits. Subject and settings are the result's own; device and threads may be other ones.
         pins: for --again, a file of joints that were clicked in two views or more, which 'mmocap view' helps to write.
@@ -211,7 +215,8 @@ def track(
     if resume and output is None:
         raise UsageError("--resume needs --output, the file of the run that it continues")
     if again is not None:
-        if given_too := [name for name, value in (("subject", subject), ("body", body), ("resume", resume)) if value]:
+        others = {"subject": subject, "body": body, "resume": resume, "pieces": pieces > 1}
+        if given_too := [name for name, value in others.items() if value]:
             raise UsageError(f"--again cannot be given with --{given_too[0]}: what it names is solved anew in part")
     elif pins is not None:
         raise UsageError("--pins needs --again, the result whose frames were pinned")
@@ -235,7 +240,9 @@ def track(
         if checkpoint.exists() and not (resume or force):
             remedy = "continue it with --resume, or --force a new one"
             raise InputError(checkpoint, "an interrupted run lies here", remedy)
-    loaded.rig(chosen.scale)  # a scale that cannot be is an error before a fit of minutes
+    # What cannot be is an error before a fit of minutes.
+    loaded.rig(chosen.scale)
+    spans = spans_of(loaded, pieces)
 
     # The subject: named, kept by the run that is resumed, or fitted.
     kept = None if file is None else file.with_name(f"{file.stem}.subject.usdc")
@@ -261,12 +268,16 @@ def track(
     chosen = replace(chosen, dof=start.body.skeleton.model_number(chosen.dof))
     reporter.note(f"track: {describe(chosen, loaded.track, given)}")
 
-    resumption = {"checkpoint": checkpoint, "resume": resume, "accept_changed_code": accept_changed_code}
-    tracked = _tracked(loaded, start, chosen, reporter, **resumption)
+    resumption = {"resume": resume, "accept_changed_code": accept_changed_code}
+    if pieces > 1:
+        tracked = track_in_pieces(loaded, start, chosen, spans, reporter, checkpoint, **resumption)
+    else:
+        tracked = _tracked(loaded, start, chosen, reporter, checkpoint=checkpoint, **resumption)
     tracked = replace(tracked, config=tracked.config | scene_reference(loaded, file) | trusted)
     if file is not None and checkpoint is not None:
         write_result(file, tracked)
-        checkpoint.unlink(missing_ok=True)
+        for each in checkpoints(checkpoint, pieces):
+            each.unlink(missing_ok=True)
     return tracked
 
 

@@ -47,9 +47,17 @@ class Piece:
     checkpoint: Path | None
     resumption: dict[str, Any]
 
-    def tracked(self, config: TrackConfig, progress: frame_loop.FrameReport) -> Result:
-        """The piece, tracked with these settings; an InputError if its first frame shows nobody."""
-        piece = self
+    def tracked(self, config: TrackConfig, progress: Callable[[int], None]) -> Result:
+        """The piece, tracked with these settings; an InputError if its first frame shows nobody.
+
+        ``progress`` is called with frames that are done: smoothing is half of the work.
+        """
+        piece, frames = self, [0, 0]
+
+        def report(stage: int, done: int) -> None:
+            frames[stage] = done
+            progress(sum(frames) // 2 if config.acceleration else done)
+
         if not self.begun:
             where: dict[str, Any] = {"seed": config.seed, "device": config.device, "threads": config.threads}
             fit = FitConfig(**KNOWN | _HEADINGS | where)
@@ -57,8 +65,12 @@ class Piece:
             # Its root counts from a base of its own.
             pose = self.rooting(found.root_base).enter(found.pose[None])
             piece = self.starting_at(self.rooting().leave(pose, self.subject.pose[ROOT_ANGLES])[0])
+        reports: dict[str, Any] = {
+            "progress": lambda frame, _: report(0, frame + 1),
+            "smooth_progress": lambda done: report(1, done),
+        }
         files = {"checkpoint": self.checkpoint, **self.resumption}
-        return frame_loop.track(piece.scene, piece.subject, config, progress=progress, **files)
+        return frame_loop.track(piece.scene, piece.subject, config, **files, **reports)
 
     def starting_at(self, pose: np.ndarray) -> Piece:
         """The piece that begins with a pose (coordinate,)."""
@@ -81,7 +93,7 @@ class PieceWorker:
         """Track it: yields now and then how far that is, and last the result; None where that was not possible."""
         config, done = replace(job.config, device=self.device, threads=self._threads), [0]
         with ThreadPoolExecutor(1) as pool:
-            tracked = pool.submit(job.tracked, config, lambda frame, _: done.append(frame + 1))
+            tracked = pool.submit(job.tracked, config, done.append)
             while not wait([tracked], timeout=0.5).done:
                 yield Advance("track", done[-1], job.scene.frame_count, 0)
         try:
@@ -148,7 +160,7 @@ def _tracked_here(piece: Piece, reporter: Reporter) -> Result:
     """A piece, tracked by this process; an InputError says why it cannot be."""
     total = piece.scene.frame_count
     with reporter.stage("track again") as progress:
-        return piece.tracked(piece.config, lambda frame, _: progress(frame + 1, total))
+        return piece.tracked(piece.config, lambda done: progress(done, total))
 
 
 def _side_by_side(pieces: list[Piece], progress: Callable[[int], None]) -> dict[int, Result | None]:

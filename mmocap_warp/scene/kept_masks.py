@@ -113,9 +113,9 @@ def stored_masks(path: Path, key: str, first: int, count: int) -> Iterator[np.nd
         head, *members = list_tar(path)
         if head.name != _KEY or read_member(path, head).decode() != key:
             return None
+        by_frame = {int(Path(member.name).stem): member for member in members}
     except (InputError, ValueError):  # not there, or not whole
         return None
-    by_frame = {int(Path(member.name).stem): member for member in members}
 
     def masks() -> Iterator[np.ndarray | None]:
         for frame in range(first, first + count):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tarfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -213,6 +214,12 @@ def damaged(folder: Path) -> None:
         file.write_bytes(file.read_bytes()[:100])
 
 
+def misnamed(folder: Path) -> None:
+    for file in (folder / ".mmocap").rglob("*.tar"):
+        with tarfile.open(file, "a") as archive:
+            archive.addfile(tarfile.TarInfo("cover.png"))
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -220,6 +227,7 @@ def damaged(folder: Path) -> None:
         other_lens,
         other_image,
         damaged,
+        misnamed,
         lambda folder: edit(folder / "scene.toml", "[track]", "threshold = 8.0\n[track]"),
         lambda folder: edit(folder / "scene.toml", "fps = 30", "fps = 30\nframes = 3"),
     ],

@@ -90,9 +90,9 @@ def _read_camera(values: dict[str, list[str]], name: str, where: str) -> Camera:
 def _read_truth(path: Path, rig: CameraRig, fps: float, frames: int) -> Truth:
     """The joints as the first camera has them, in the world; others have the same within a few millimetres."""
     cells = dataset_scene.read_mat(path).get("annot3")
-    number = int(rig.names[0].rpartition("_")[2])
-    if not isinstance(cells, (list, np.ndarray)) or len(cells) <= number:
+    number = rig.names[0].rpartition("_")[2]
+    if not (number.isdecimal() and isinstance(cells, (list, np.ndarray)) and int(number) < len(cells)):
         raise InputError(path, f"has no annot3 of camera {number}", REMEDY)
-    joints = dataset_scene.finite(cells[number], (-1, len(_JOINTS), 3), str(path), f"annot3[{number}]")[:frames]
+    joints = dataset_scene.finite(cells[int(number)], (-1, len(_JOINTS), 3), str(path), f"annot3[{number}]")[:frames]
     world = (joints * dataset_scene.MILLIMETRE - rig.t[0]) @ rig.R[0]
     return Truth(fps, np.arange(len(world)), (), np.zeros((len(world), 0, 3)), _JOINTS, world)

@@ -281,6 +281,19 @@ def test_faults_of_mpi_inf_3dhp(tmp_path):
         file.write_bytes(kept)
 
 
+@pytest.mark.parametrize("name", ["a", "-1", "14"])
+def test_a_camera_of_mpi_inf_3dhp_of_which_there_is_no_truth(tmp_path, capsys, name):
+    write_3dhp(tmp_path)
+    folder = tmp_path / "S1/Seq1"
+    (folder / "imageSequence/video_0.avi").rename(folder / f"imageSequence/video_{name}.avi")
+    calibration = folder / "camera.calibration"
+    calibration.write_text(calibration.read_text().replace("name          0\n", f"name          {name}\n"))
+    given = ["dataset", "mpi-inf-3dhp", str(tmp_path), "S1", "Seq1", "-o", str(tmp_path / "scene")]
+    assert cli.main(given) == BAD_INPUT
+    told = f"{folder / 'annot.mat'}: has no annot3 of camera {name}; copy it again from the data set"
+    assert told in capsys.readouterr().err
+
+
 # DANNCE and Rat7M: MATLAB's rows, pixels from 1, millimetres, z up, a skew.
 MATLAB_K = np.array([[210.0, 0, 0], [0.7, 212.0, 0], [97.3, 54.1, 1]])
 RADIAL, TANGENTIAL = LENS[[0, 1, 4]], LENS[2:4]

@@ -146,7 +146,7 @@ def _check_identity(value: Any) -> int:
 def _check_rle(rle: Any) -> dict[str, Any]:
     if isinstance(rle, list):
         raise ValueError("holds polygons")
-    height, width = rle["size"]
+    height, width = size if isinstance(size := rle["size"], list) and len(size) == 2 else (0, 0)
     if type(height) is not int or type(width) is not int or not 0 < height * width <= _MAX_PIXELS or height < 0:
-        raise ValueError(f"size = {rle['size']} is not a height and a width")
+        raise ValueError(f"size = {size} is not a height and a width")
     return {"size": (height, width), "counts": rle["counts"]}

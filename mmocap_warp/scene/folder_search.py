@@ -272,15 +272,15 @@ def _inner_tables(values: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _refuse(file: Path, place: Path) -> None:
     """Raise InputError for what its name, or its folder's below ``place``, calls a calibration: it cannot be read."""
-    name, below = file.name.lower(), str(file.relative_to(place)).lower()
+    name, suffix, below = file.name.lower(), file.suffix.lower(), str(file.relative_to(place)).lower()
     is_calibration = any(word in below for word in ("calib", "intri", "extri"))
-    tables = _inner_tables(_file_values(file)) if file.suffix == ".toml" else []
+    tables = _inner_tables(_file_values(file)) if suffix == ".toml" else []
     cameras = [camera for table in tables for camera in (table, *_inner_tables(table))]
     if any("matrix" in camera and ("rotation_count" in camera or "grid_count" in camera) for camera in cameras):
         problem = "is a camera array of Caliscope that does not say where the cameras stand, or of an old version"
         other = "camera_array_aniposelib.toml, which Caliscope writes in the project's folder"
         raise InputError(file, problem, f"calibrate that, too, give {other}, {_SOLVE}")
-    if file.suffix in (".pickle", ".pkl") and (is_calibration or "camera" in name):
+    if suffix in (".pickle", ".pkl") and (is_calibration or "camera" in name):
         raise InputError(file, _PICKLE, _CONVERT.format("opencap") if "intrinsicsextrinsics" in name else _ANY_OTHER)
     by_ending = {
         ".xcp": ("Vicon", _CONVERT.format("vicon")),
@@ -290,8 +290,8 @@ def _refuse(file: Path, place: Path) -> None:
         **dict.fromkeys((".npz", ".npy"), ("NumPy", _ANY_OTHER)),
         ".xml": ("XML", _ANY_OTHER),
     }
-    if file.suffix.lower() in by_ending and is_calibration:
-        program, remedy = by_ending[file.suffix.lower()]
+    if suffix in by_ending and is_calibration:
+        program, remedy = by_ending[suffix]
         raise InputError(file, f"is a calibration of {program}, which cannot be read yet", remedy)
     if name == "intri.yml":
         problem = "has no extri.yml beside it"

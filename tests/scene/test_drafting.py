@@ -134,8 +134,11 @@ def test_a_caliscope_project(videos: Path, project: Path, export: str) -> None:
     lay_out(videos, project, "recordings/walk_1/{}.mkv", **own)
     unplaced = caliscope(RIG).split("[cameras.1]")[0].replace("rotation_count = 0", "rotation_count = 0\nmatrix = []")
     (project / "camera_array.toml").write_text(unplaced)
-    with pytest.raises(InputError, match=r"camera_array\.toml: is a camera array of Caliscope that does not say where"):
-        draft_scene(project)
+    for name in ("camera_array.TOML", "camera_array.toml"):
+        (project / "camera_array.toml").rename(project / name)
+        with pytest.raises(InputError, match=f"{name}: is a camera array of Caliscope that does not say where"):
+            draft_scene(project)
+        (project / name).rename(project / "camera_array.toml")
     volume = project / "calibration/extrinsic/capture_volume"
     volume.mkdir()
     (volume / "camera_array.toml").write_text(caliscope(RIG))
@@ -210,6 +213,8 @@ def test_an_opencap_session(videos: Path, project: Path) -> None:
         ("calibration/cameras.json", "is a calibration of JSON, which cannot be read yet; write it as a Pose2Sim"),
         ("calib.pkl", "is a Python pickle"),
         ("camera_parameters.pickle", "is a Python pickle"),
+        ("CALIB.PKL", "is a Python pickle"),
+        ("camera_parameters.Pickle", "is a Python pickle"),
         ("intri.yml", "has no extri.yml beside it"),
         ("Calib/deep/rig.npz", "is a calibration of NumPy"),
     ],

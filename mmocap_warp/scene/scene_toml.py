@@ -157,9 +157,7 @@ def _take_frames(table: Table) -> FrameChoice:
         raise table.error(str(error), 'give a count, "first:end" or "first:end:stride"') from None
 
 
-def _read_foreground(
-    table: Table, identity: int | None, source: str | None, labelled: bool = False
-) -> ForegroundSettings:
+def _read_foreground(table: Table, identity: int | None, source: str | None, labelled: bool) -> ForegroundSettings:
     stated = table.take_choice("source", SOURCES, "masks")
     if source == "subtraction":
         source = stated if stated in BACKGROUNDS else "recording"

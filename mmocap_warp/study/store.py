@@ -87,9 +87,10 @@ def open_folder(folder: Path) -> None:
     """Make a folder for results if need be, and remove what killed writers left; an InputError if it cannot be used."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for file in folder.glob(".*.npz.*"):
-            if time.time() - file.stat().st_mtime > _ABANDONED:
-                file.unlink(missing_ok=True)
+        for file in folder.glob(".*.*.[0-9]*.npz"):  # as whole_file names them: .<name>.<key>.<process>.npz
+            with suppress(FileNotFoundError):  # its writer has renamed or removed it meanwhile
+                if time.time() - file.stat().st_mtime > _ABANDONED:
+                    file.unlink()
     except OSError as error:
         raise InputError(folder, f"cannot be used ({error.strerror})", "name a folder for results") from None
 
@@ -102,7 +103,7 @@ def read_results(folder: str | Path) -> Iterator[CellResult | InputError]:
     """
     if not Path(folder).is_dir():
         raise InputError(folder, "no such folder", "name the folder that 'mmocap study run' wrote")
-    for path in sorted(Path(folder).glob("*.npz")):
+    for path in sorted(Path(folder).glob("[!.]*.npz")):
         try:
             yield read_cell(path)
         except InputError as error:

@@ -15,12 +15,14 @@ from mmocap_warp import cli
 from mmocap_warp.cli import console
 from mmocap_warp.cli.progress import JobsProgress, headline
 from mmocap_warp.commands import studies
+from mmocap_warp.errors import InputError
 from mmocap_warp.jobs.engine import Advance
 from mmocap_warp.jobs.job_run import Seat, Status
 from mmocap_warp.study import store
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.job import Job
-from mmocap_warp.study.store import CellTask, open_folder
+from mmocap_warp.study.store import CellTask, open_folder, read_results
+from mmocap_warp.whole_file import whole_file
 
 
 def run(study: Path, folder: Path, *flags: str) -> int:
@@ -131,12 +133,28 @@ def test_show_needs_a_folder(tmp_path, capsys):
 
 
 def test_half_written_files_are_cleared_away_after_a_while(tmp_path):
-    old, young = tmp_path / ".a.key.npz.123", tmp_path / ".b.key.npz.124"
-    for path in (old, young):
-        path.touch()
-    os.utime(old, (0, 0))
+    others = [tmp_path / name for name in ("whole.key.npz", "._whole.key.npz", ".hidden.npz")]
+    with whole_file(tmp_path / "a.key.npz") as old, whole_file(tmp_path / "b.key.npz") as young:
+        for path in (old, young, *others):
+            path.touch()
+        for path in (old, *others):
+            os.utime(path, (0, 0))
+        open_folder(tmp_path)
+        assert sorted(tmp_path.iterdir()) == sorted([young, *others])
+        old.touch()  # so that it can be renamed
+
+
+def test_a_file_that_its_writer_finishes_meanwhile_does_not_stop_a_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(Path, "glob", lambda folder, _: iter([folder / ".a.key.123.npz"]))
     open_folder(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == [young.name]
+
+
+def test_a_half_written_result_is_none_yet(copied):
+    with whole_file(copied / "a.key.npz") as unfinished:
+        unfinished.write_bytes(b"PK")
+        results = list(read_results(copied))
+    assert len(results) == CELLS
+    assert not any(isinstance(result, InputError) for result in results)
 
 
 def cell(*of) -> CellTask:

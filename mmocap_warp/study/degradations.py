@@ -65,7 +65,7 @@ def most_different_views(rig: CameraRig, count: int) -> tuple[int, ...]:
 
 def fewer_frames(clip: OpenClip, fps: float) -> OpenClip:
     """Every second, third, ... frame, numbered anew; a ValueError if the rate does not divide the clip's."""
-    step, truth = round(clip.fps / fps), clip.truth
+    step, truth = round(min(clip.fps / fps, 1e6)), clip.truth
     if step < 1 or abs(clip.fps - step * fps) > 1e-6 * clip.fps:
         raise ValueError(f"fps must divide the clip's {clip.fps:g}, got {fps:g}")
     if truth is not None:
@@ -151,8 +151,8 @@ def parse(text: str) -> dict[str, float]:
             amounts[name] = float("inf") if amount == "all" and name == "cut" else float(amount or 0)
         except ValueError:
             raise ValueError(f"degradation {name} takes a number, got {amount!r}") from None
-        if given and not amounts[name] > 0:
-            raise ValueError(f"degradation {name} must be above zero, got {amount}")
+        if given and amount != "all" and not 0 < amounts[name] < float("inf"):
+            raise ValueError(f"degradation {name} must be above zero and finite, got {amount}")
     return amounts
 
 

@@ -200,6 +200,13 @@ def test_what_is_no_degradation_is_said(text):
         parse(text)
 
 
+@pytest.mark.parametrize("amount", ["inf", "1e999", "nan", "-1"])
+@pytest.mark.parametrize("name", ["fps", "views", "cut", "calibration"])
+def test_amounts_are_finite(name, amount):
+    with pytest.raises(ValueError, match=f"degradation {name} must be above zero and finite, got {amount}"):
+        parse(f"{name}={amount}")
+
+
 def test_a_rate_that_does_not_divide_is_said(sequence):
     with pytest.raises(ValueError, match="must divide the clip's 60, got 25"):
         degraded(open_sequence(sequence), "fps=25", 0)
@@ -218,7 +225,9 @@ def test_make_writes_what_a_tracker_is_given(tmp_path, monkeypatch, capsys):
     np.testing.assert_allclose(load_truth(scene.truth).joints, clip.truth.joints, atol=1e-6)
 
 
-@pytest.mark.parametrize("text", ["fog", "fps=25", "views=8"])
+@pytest.mark.parametrize(
+    "text", ["fog", "fps=25", "fps=1e-300", "fps=1e-320", "views=8", "views=inf", "calibration=inf"]
+)
 def test_make_says_which_degradation_is_wrong(tmp_path, monkeypatch, capsys, text):
     monkeypatch.setitem(CLIP_PLANS, "S2/Box", replace(PLANS["S2/Box"], frames=2))
     flags = ["--sequence", "S2/Box", "--degrade", text]

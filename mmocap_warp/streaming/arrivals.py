@@ -227,7 +227,9 @@ def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
                     return
                 # A program that begins anew counts from zero again.
                 number, seen = max(int(about["frame"]), number + 1), float(about["time"])
-                arrival = see(number, seen, [see.decoded(part, address) for part in parts[1:]])
+                if len(images := parts[1:]) != len(scenes[0].cameras):
+                    raise ValueError(f"images: {len(images)}, cameras: {len(scenes[0].cameras)}")
+                arrival = see(number, seen, [see.decoded(image, address) for image in images])
             yield arrival
 
 

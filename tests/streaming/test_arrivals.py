@@ -233,8 +233,21 @@ def test_frames_that_a_program_publishes(scene):
         assert (frames[0].number, frames[0].time, seen(frames[0])) == (7, 1.5, [480, None, 480])
 
 
-@pytest.mark.parametrize("parts", [[b"{"], [b"[]"], [b'{"frame": 1}', PNG], [b'{"frame": 1, "time": 2}', PNG]])
-def test_messages_that_are_no_frame(scene, parts):
+HEAD = b'{"frame": 1, "time": 2}'
+
+
+@pytest.mark.parametrize(
+    ("parts", "why"),
+    [
+        ([b"{"], "Expecting property name"),
+        ([b"[]"], "has no attribute"),
+        ([b'{"frame": 1}', PNG], "'time'"),
+        ([HEAD], "images: 0, cameras: 3"),
+        ([HEAD, PNG], "images: 1, cameras: 3"),
+        ([HEAD, PNG, PNG, b"", PNG], "images: 4, cameras: 3"),
+    ],
+)
+def test_messages_that_are_no_frame(scene, parts, why):
     zmq = pytest.importorskip("zmq")
     with zmq.Context() as context, context.socket(zmq.PUB) as socket:
         address = f"tcp://127.0.0.1:{socket.bind_to_random_port('tcp://127.0.0.1')}"
@@ -251,7 +264,8 @@ def test_messages_that_are_no_frame(scene, parts):
         while reader.is_alive():
             socket.send_multipart(parts)
             time.sleep(0.01)
-        assert "sent what is no frame" in errors[0]
+        assert errors[0].startswith(f"{address}: sent what is no frame (")
+        assert why in errors[0].partition("; send {")[0]
 
 
 def test_what_a_program_publishes_of_another_size_and_after_it_began_anew(scene):

@@ -105,7 +105,8 @@ class CameraCheck:
 
     def __repr__(self) -> str:
         wrong = ", ".join(f"{finding.camera} ({finding.cause})" for finding in self.findings)
-        return f"CameraCheck: {f'{wrong} disagrees' if wrong else f'all {len(self.names)} cameras agree'}"
+        verb = "disagrees" if len({finding.camera for finding in self.findings} & {*self.names}) == 1 else "disagree"
+        return f"CameraCheck: {f'{wrong} {verb}' if wrong else f'all {len(self.names)} cameras agree'}"
 
 
 def check(

@@ -79,6 +79,20 @@ def test_what_disagrees_is_said_in_a_line_and_drawn(scene, tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        ([("cam02", "rotation"), ("cam02", "focal length")], "cam02 (rotation), cam02 (focal length) disagrees"),
+        ([("cam01", "rotation"), ("cam02", "position")], "cam01 (rotation), cam02 (position) disagree"),
+        ([("all cameras", "graphics axes")], "all cameras (graphics axes) disagree"),
+        ([], f"all {len(RIG)} cameras agree"),
+    ],
+)
+def test_one_camera_disagrees_and_several_disagree(found, said):
+    findings = tuple(Finding(*each) for each in found)
+    assert repr(CameraCheck(RIG.names, np.ones(len(RIG)), None, findings, 1.0)) == f"CameraCheck: {said}"
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"fixed": "cam9"}, r"^fixed must name one of cam01"),

@@ -220,7 +220,7 @@ def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
             parts = socket.recv_multipart()
             while socket.poll(0):  # only the newest counts
                 parts = socket.recv_multipart()
-            kinds = ValueError, KeyError, TypeError, AttributeError
+            kinds = ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError
             with input_errors(address, "sent what is no frame ({error})", remedy, *kinds):
                 about = json.loads(parts[0])
                 if about.get("end"):

@@ -242,6 +242,8 @@ HEAD = b'{"frame": 1, "time": 2}'
         ([b"{"], "Expecting property name"),
         ([b"[]"], "has no attribute"),
         ([b'{"frame": 1}', PNG], "'time'"),
+        ([b'{"frame": Infinity, "time": 2}', PNG, PNG, PNG], "infinity"),
+        ([b"[" * 100_000], "recursion"),
         ([HEAD], "images: 0, cameras: 3"),
         ([HEAD, PNG], "images: 1, cameras: 3"),
         ([HEAD, PNG, PNG, b"", PNG], "images: 4, cameras: 3"),

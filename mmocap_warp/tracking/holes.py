@@ -109,13 +109,15 @@ def _opened(before: Observation, seen: Observation, place: int, rate: float, bod
         if smaller[k] < np.pi * trunk**2 and not may_move:  # nearly always: what follows is for few frames
             continue
         gone = _unpacked(before.words[k] & ~seen.words[k])
-        if smaller[k] < _SMALLER * np.count_nonzero(gone):
+        middles = _middles(gone, trunk)
+        # The body, which takes longest to draw, is asked for last.
+        if smaller[k] < _SMALLER * np.count_nonzero(gone) or not (may_move or middles.any()):
             continue
         silhouette, shown = body(place)[k], _unpacked(seen.words[k])
         within = slice(len(silhouette)), slice(silhouette.shape[1])
         moves = may_move and np.count_nonzero(silhouette & ~shown[within]) <= _GONE * np.count_nonzero(silhouette)
         radius = _LIMB_RADIUS * extent if moves else trunk
-        deep = _middles(gone, radius)[within] & silhouette
+        deep = (_middles(gone, radius) if moves else middles)[within] & silhouette
         if deep.any():
             of_discs = (int(deep.sum()), radius) if moves else (int(gone.sum()), 0.0)
             holes.append(_Hole(k, place, _box(deep), round((1 + _MARGIN) * radius), shown, *of_discs))

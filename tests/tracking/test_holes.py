@@ -145,6 +145,16 @@ def test_a_limb_that_is_gone_and_a_mask_that_is_lost_open_no_hole() -> None:
     assert all(each.hidden is None for each in followed([person(), armless, nothing, person()]))
 
 
+def test_a_body_is_not_drawn_where_nothing_that_vanished_is_as_wide_as_a_trunk() -> None:
+    """Ragged masks lose much, but nowhere much at once: to draw a body takes longer than all else."""
+    ragged = person()
+    ragged[45:130:3] = False
+    asked = []
+    masks = (seen([mask, person()]) for mask in (person(), ragged, person(), without_trunk()))
+    _, thin, *_ = with_holes(masks, RATE, lambda place: asked.append(place) or [person()] * 2)
+    assert (thin.hidden, asked) == (None, [3])
+
+
 def test_somebody_else_who_is_gone_opens_no_hole() -> None:
     both = person() | np.roll(person(), -70, axis=1)
     assert all(each.hidden is None for each in followed([both, person()]))

@@ -60,12 +60,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     place = Path(os.path.realpath(path)) if path.is_symlink() else path
     unfinished = place.with_name(f".{place.stem}.{os.getpid()}{path.suffix}")
     try:
-        yield unfinished
-        os.replace(unfinished, place)
-    except OSError as error:
-        raise InputError(
-            path, f"cannot be written ({error})", "check its folder, permissions and free space"
-        ) from error
+        with input_errors(path, "cannot be written ({error})", "check its folder, permissions and free space", OSError):
+            yield unfinished
+            os.replace(unfinished, place)
     finally:
         unfinished.unlink(missing_ok=True)
 
@@ -78,12 +75,10 @@ def write_whole(path: Path, data: bytes) -> None:
 
 def content_hash(file: Path) -> bytes:
     """SHA-256 of a file's bytes; an InputError if it cannot be read."""
-    try:
+    with input_errors(file, "cannot be read ({error})", "check its permissions", OSError):
         _regular_size(file)
         with file.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").digest()
-    except OSError as error:
-        raise InputError(file, f"cannot be read ({error})", "check its permissions") from error
 
 
 def _regular_size(path: Path) -> int:

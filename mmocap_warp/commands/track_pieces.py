@@ -133,8 +133,10 @@ def track_in_pieces(
         result = results.get(k)
         if result is None or (parts and _leads_elsewhere(parts[-1], result)):
             if parts:
-                reporter.note(f"pieces: from frame {piece.scene.first_frame} on that before is followed instead")
-                piece = replace(piece.starting_at(_pose_at(parts[-1], piece)), checkpoint=files[count + k])
+                first, before = piece.scene.first_frame, parts[-1]
+                reporter.note(f"pieces: from frame {first} on that before is followed instead")
+                pose = before.pose[before.best_run, before.frame_numbers.tolist().index(first)]
+                piece = replace(piece.starting_at(pose), checkpoint=files[count + k])
             result = _tracked_here(piece, reporter)
         parts[-1:] = _met(piece, parts[-1], result) if parts else [result]
     return _together(parts, config)
@@ -208,12 +210,6 @@ def _leads_elsewhere(before: Result, after: Result) -> bool:
     costs = [np.nansum(one.cost[:, np.isin(one.frame_numbers, other.frame_numbers)]) for one, other in pairs]
     apart = _meeting(before, after)[1] > _APART * after.subject.body.relative_size
     return bool(apart and costs[1] >= _BETTER * costs[0])
-
-
-def _pose_at(before: Result, piece: Piece) -> np.ndarray:
-    """(coordinate,) the pose that the piece before has in the first frame of the next."""
-    at = before.frame_numbers.tolist().index(piece.scene.first_frame)
-    return np.asarray(before.pose[before.best_run, at])
 
 
 def _met(piece: Piece, before: Result, after: Result) -> list[Result]:

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
-from typing import Any, NoReturn, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from mmocap_warp.code_hash import code_hash
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.result.result import FrameAnswer
-from mmocap_warp.scene.camera_source import CameraSource
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import TrackState
@@ -59,11 +58,14 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
     del settings["threads"], settings["renderer"], settings["cameras"]
     placed = [(camera.recorded_scale, camera.recorded_offset, camera.mask_mark) for camera in scene.cameras]
     labels = [(camera.label, camera.in_front) for camera in scene.cameras]
+    # What masks are made of, in order, and what is subtracted from it.
+    sources = [camera.files_for(scene.foreground.source) for camera in scene.cameras]
+    images = [[[content_hash(file) for file in files] for files in source] for source in sources]
     labelled = {"labels": _digest(labels)} if any(label or others for label, others in labels) else {}
     return {
         "version": __version__,
         "code": code_hash("tracking.frame_loop"),
-        "images": _digest([_images(camera, scene.foreground.source) for camera in scene.cameras]),
+        "images": _digest(images),
         "frames": [scene.first_frame, scene.frame_count, scene.stride],
         "frame offsets": [[camera.frame_offset, camera.rate, camera.fraction] for camera in scene.cameras],
         "fps": scene.fps,
@@ -74,11 +76,6 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
         **labelled,
         **{f"foreground.{name}": value for name, value in asdict(scene.foreground).items()},
     }
-
-
-def _images(camera: CameraSource, source: str) -> list[list[bytes]]:
-    """The content of the files that a camera's masks are made of, in order; of those that are subtracted, too."""
-    return [[content_hash(file) for file in files] for files in camera.files_for(source)]
 
 
 def _digest(thing: object) -> str:
@@ -117,7 +114,9 @@ class Checkpoint:
     def __init__(self, path: Path, identity: Identity, state: TrackState, cameras: int) -> None:
         self._path, self._identity = path, identity
         self._state, self._header = state, _header(identity)
-        self._record, self._memory_record = _record_type(state.pose, cameras), _memory_type(state.memory)
+        memory = [(name, array.dtype.newbyteorder("<"), array.shape) for name, array in state.memory.items()]
+        self._memory_record = np.dtype([("frames", "<i8"), ("memory", memory), ("checksum", "<u4")])
+        self._record = _record_type(state.pose, cameras)
         self._memories = 2 if state.memory else 0
         self._turn = 0  # number of the place that the next save writes
         self._first = len(self._header) + self._memories * self._memory_record.itemsize  # byte of the first frame
@@ -221,9 +220,19 @@ def with_code_of(path: Path, identity: Identity) -> Identity:
 def read_checkpoint(path: Path, identity: Identity) -> bytes | None:
     """The content of a run's checkpoint, None without a file; an InputError if it is none, or another run's."""
     content = _content(path)
-    if content is not None and not content.startswith(_header(identity)):
-        _refuse(path, identity, _identity_in(content))
-    return content
+    if content is None or content.startswith(_header(identity)):
+        return content
+    if (theirs := _identity_in(content)) is None:
+        raise InputError(path, "is damaged, or no checkpoint", "start anew with --force")
+    mine = json.loads(json.dumps(identity))
+    differing = [name for name in mine | theirs if mine.get(name) != theirs.get(name)]
+    if set(differing) <= set(_CODE):
+        begun, here = (f"{each.get('version')} (code {str(each.get('code'))[:8]})" for each in (theirs, mine))
+        problem = f"the run was begun by mmocap-warp {begun}, this is {here}, whose results may differ"
+        remedy = "go back to that version, go on with --accept-changed-code, or start anew with --force"
+        raise InputError(path, problem, remedy)
+    problem = f"the checkpoint is of a run that differs in its {', '.join(differing)}"
+    raise InputError(path, problem, "repeat that run's flags and files, or start anew with --force")
 
 
 def _header(identity: Identity) -> bytes:
@@ -243,27 +252,6 @@ def _identity_in(content: bytes) -> Identity | None:
     except (ValueError, RecursionError):
         return None
     return identity if isinstance(identity, dict) else None
-
-
-def _refuse(path: Path, identity: Identity, theirs: Identity | None) -> NoReturn:
-    """Say what is wrong with a file of another header."""
-    if theirs is None:
-        raise InputError(path, "is damaged, or no checkpoint", "start anew with --force")
-    mine = json.loads(json.dumps(identity))
-    differing = [name for name in mine | theirs if mine.get(name) != theirs.get(name)]
-    if set(differing) <= set(_CODE):
-        begun, here = (f"{each.get('version')} (code {str(each.get('code'))[:8]})" for each in (theirs, mine))
-        problem = f"the run was begun by mmocap-warp {begun}, this is {here}, whose results may differ"
-        remedy = "go back to that version, go on with --accept-changed-code, or start anew with --force"
-        raise InputError(path, problem, remedy)
-    problem = f"the checkpoint is of a run that differs in its {', '.join(differing)}"
-    raise InputError(path, problem, "repeat that run's flags and files, or start anew with --force")
-
-
-def _memory_type(memory: Memory) -> np.dtype:
-    """A place for a memory in the file."""
-    arrays = [(name, array.dtype.newbyteorder("<"), array.shape) for name, array in memory.items()]
-    return np.dtype([("frames", "<i8"), ("memory", arrays), ("checksum", "<u4")])
 
 
 def _record_type(pose: np.ndarray, cameras: int) -> np.dtype:

@@ -121,7 +121,9 @@ class ContourTracker:
         self._fitter.observe(0, observation)
         self._judge.observe(observation)
         if not self.config.polish:
-            self._descend(self._usual_starts(), _STEPS)
+            last, before = self._state.pose, self._state.previous_pose
+            moved_on = self._starts.within_limits(last + np.float32(_MOTION_KEPT) * (last - before))
+            self._descend(np.stack([last, moved_on], axis=1), _STEPS)
 
     def step(self, observation: Observation) -> FrameAnswer:
         """Find the pose of the next frame. Without any foreground the frame is lost and keeps the last pose."""
@@ -162,11 +164,6 @@ class ContourTracker:
         status = np.select([lost, partial, rescued], kinds, STATUS.index("tracked"))
         self._state = self._state.followed_by(answer, lost)
         return FrameAnswer(answer.pose, answer.cost, answer.iou, evaluations, status, time.perf_counter() - started)
-
-    def _usual_starts(self) -> np.ndarray:
-        """The last pose and where its motion leads (run, start, coordinate)."""
-        last, before = self._state.pose, self._state.previous_pose
-        return np.stack([last, self._starts.within_limits(last + np.float32(_MOTION_KEPT) * (last - before))], axis=1)
 
     def _falls_short(
         self, answer: Candidates, fall: float = _SHORT_OVERLAP, exposed: float = _SHORT_EXPOSED

@@ -54,12 +54,8 @@ def limb_pairs(skeleton: Skeleton) -> list[tuple[Limb, Limb]]:
 
 def like_limbs(skeleton: Skeleton) -> list[tuple[Limb, Limb]]:
     """Limbs of as many joints that hang on the same one, as a hand's fingers do: masks may take one for another."""
-    return [pair for pair in combinations(limbs(skeleton), 2) if len({_build(skeleton, limb) for limb in pair}) == 1]
-
-
-def _build(skeleton: Skeleton, limb: Limb) -> tuple[int, int]:
-    """What a limb hangs on, and how many joints it has."""
-    return skeleton.parent[int(limb.joints[0])], len(limb.joints)
+    built = [(limb, (skeleton.parent[int(limb.joints[0])], len(limb.joints))) for limb in limbs(skeleton)]
+    return [(one, other) for (one, of_one), (other, of_other) in combinations(built, 2) if of_one == of_other]
 
 
 def _mirrored_part(skeleton: Skeleton, joints: list[int]) -> str | None:

@@ -49,14 +49,12 @@ def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: fl
     if free is None or need <= _SHARE * free:
         return
 
+    def need_with(**changed: Any) -> float:
+        return memory_need(subject, rig, replace(config, **changed), fps)
+
     def most(name: str, highest: int) -> int:
         """The highest value of a setting that fits; 0 where none does."""
-
-        def need_with(value: int) -> float:
-            changed: dict[str, Any] = {name: value}
-            return memory_need(subject, rig, replace(config, **changed), fps)
-
-        return bisect.bisect_right(range(1, highest + 1), _SHARE * free, key=need_with)
+        return bisect.bisect_right(range(1, highest + 1), _SHARE * free, key=lambda value: need_with(**{name: value}))
 
     fitting = {"runs": most("runs", config.runs), "evaluations": most("evaluations", config.budget)}
     smaller = " or ".join(f"{name} = {value}" for name, value in fitting.items() if value)

@@ -32,6 +32,7 @@ class RecoveryStarts:
     def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig) -> None:
         self._subject, self._rig, self._seed = subject, rig, config.seed
         self._limits = search_limits(subject, config)
+        self._bounds = np.clip(self._limits, -np.pi, np.pi)  # angles are drawn evenly between these
         by_part = subject.body.skeleton.searched_by_part(config.dof).values()
         self._poser, self._limbs = Poser(subject.body, subject.root_base), limbs(subject.body.skeleton)
         self._searched = subject.body.skeleton.searched(config.dof)
@@ -60,7 +61,7 @@ class RecoveryStarts:
         They are the nearest of many limbs that are drawn evenly between their limits. A run without a place keeps its
         pose.
         """
-        low, high = np.clip(self._limits, -np.pi, np.pi).T
+        low, high = self._bounds.T
         starts = np.repeat(pose[:, None], SCATTERED_POSES, axis=1)
         for run, wanted in enumerate(places):
             if not len(wanted) or not self._limbs:
@@ -97,7 +98,12 @@ class RecoveryStarts:
         """
         skeleton = self._subject.body.skeleton
         if skeleton.root_is_fixed:
-            return self._bent(pose, counter)
+            bent = np.concatenate(self._parts)
+            low, high = self._bounds[bent].T
+            starts = np.repeat(pose[:, None], SCATTERED_POSES, axis=1)
+            for run, of_run in enumerate(starts):
+                of_run[:, bent] = self._random(run, counter).uniform(low, high, (SCATTERED_POSES, len(bent)))
+            return starts
         # One view may be wrong: points that all others see belong to the hull.
         hull = visual_hull(self._rig, observation, spacing=_VOXEL * self._subject.body.relative_size, tolerate=1)
         up = upright_base(self._rig.up)
@@ -118,16 +124,6 @@ class RecoveryStarts:
                     start[:, :3] = np.median(hull, axis=0)
                 starts.append(start)
         return self.within_limits(np.stack(starts, axis=1))
-
-    def _bent(self, pose: np.ndarray, counter: np.ndarray) -> np.ndarray:
-        """Poses whose joint angles are drawn evenly between their limits."""
-        low, high = np.clip(self._limits, -np.pi, np.pi).T
-        bent = np.concatenate(self._parts)
-        starts = np.repeat(pose[:, None], SCATTERED_POSES, axis=1)
-        for run, of_run in enumerate(starts):
-            rng = self._random(run, counter)
-            of_run[:, bent] = rng.uniform(low[bent], high[bent], (SCATTERED_POSES, len(bent)))
-        return starts
 
     def _random(self, run: int, counter: np.ndarray) -> np.random.Generator:
         """A run's random numbers, which depend on nothing but its seed and its counter."""

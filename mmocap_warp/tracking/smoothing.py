@@ -103,7 +103,10 @@ def smoothed(
             progress(done)
     # Which limbs are in doubt is judged anew: the clip may have found what its frames had lost.
     doubt = np.stack([run.parts_in_doubt() for run in runs])
-    status = _with_interpolated(raw.status)
+    tracked = raw.status != _LOST
+    before = np.logical_or.accumulate(tracked, axis=1)
+    after = np.logical_or.accumulate(tracked[:, ::-1], axis=1)[:, ::-1]
+    status = np.where(~tracked & before & after, _INTERPOLATED, raw.status)
     in_all_views = np.isfinite(raw.iou).all(axis=2)
     status = np.where((status == _PARTIAL) & in_all_views, _TRACKED, status)
     doubtful = doubt.any(axis=2) & np.isin(status, (_TRACKED, STATUS.index("rescued")))
@@ -397,12 +400,3 @@ class _RunSmoother:
                 others = self._masks.others(frame, self._raw.pose[self._run, frame])
                 self._others[frame] = others if others.any() else None
         return self._others[frame]
-
-
-def _with_interpolated(status: np.ndarray) -> np.ndarray:
-    """Status (run, frame) of frames that were filled in from both sides."""
-    tracked = status != _LOST
-    before = np.logical_or.accumulate(tracked, axis=1)
-    after = np.logical_or.accumulate(tracked[:, ::-1], axis=1)[:, ::-1]
-    between: np.ndarray = ~tracked & before & after
-    return np.where(between, _INTERPOLATED, status).astype(status.dtype)

@@ -51,12 +51,6 @@ class UsageError(ValueError):
         self.flags = flags
         super().__init__(re.sub(r"--([a-z]+(?:-[a-z]+)*)", lambda flag: flag[1].replace("-", "_"), flags))
 
-    @classmethod
-    def of_setting(cls, error: ValueError) -> Self:
-        """The error of a setting, whose name its text begins with."""
-        name, _, rest = str(error).partition(" ")
-        return cls(f"--{name.replace('_', '-')} {rest}")
-
 
 def needs_package(path: object, package: str, purpose: str, extra: str, otherwise: str) -> AbstractContextManager[None]:
     """Let a failing import be an InputError: a file cannot be ``purpose`` ("read", "written") without its package.

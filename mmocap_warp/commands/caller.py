@@ -57,7 +57,8 @@ def arguments_checked() -> Iterator[None]:
     except (InputError, UsageError):
         raise
     except ValueError as error:
-        raise UsageError.of_setting(error) from None
+        name, _, rest = str(error).partition(" ")
+        raise UsageError(f"--{name.replace('_', '-')} {rest}") from None
 
 
 def effective(kind: type[Config], written: Table, given: Mapping[str, Any], base: Config | None = None) -> Config:

@@ -138,10 +138,9 @@ def release_locks(files: list[Path] | None = None) -> None:
 
 def _is_file_of(file: Path, opened: int) -> bool:
     """Whether an open file is the one that has the name now."""
-    try:
+    with suppress(FileNotFoundError):
         return os.path.samestat(os.fstat(opened), os.stat(file))
-    except FileNotFoundError:
-        return False
+    return False
 
 
 def _lock_opened(opened: int) -> bool:

@@ -10,18 +10,8 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.calibration.adjust.camera_changes import AdjustConfig
+from mmocap_warp.commands import inputs
 from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
-from mmocap_warp.commands.inputs import (
-    Frames,
-    body_from,
-    look_first,
-    one_person,
-    result_from,
-    scene_from,
-    scene_reference,
-    track_settings,
-    truth_of,
-)
 from mmocap_warp.commands.mask import with_masks
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.commands.track_pieces import checkpoints, spans_of, track_in_pieces
@@ -97,11 +87,11 @@ def fit(
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force)
     if isinstance(frames, int):
         settings, frames = settings | {"frames": frames}, None
-    loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
+    loaded = inputs.one_person(inputs.scene_from(scene, frames, identity, reporter, person=person))
     chosen = effective(FitConfig, loaded.settings("fit"), settings, config)
-    generic, poses = body_from(body, loaded), _start_poses(start_poses, body, loaded)
+    generic, poses = inputs.body_from(body, loaded), _start_poses(start_poses, body, loaded)
     start_warp(chosen.device)
-    trusted = look_first(loaded, generic, reporter, trust_cameras)
+    trusted = inputs.look_first(loaded, generic, reporter, trust_cameras)
     reporter.note(f"fit: {describe(chosen, loaded.fit if config is None else {}, settings)}")
     return fit_subject(loaded, generic, chosen, file, reporter, trusted, poses)
 
@@ -148,7 +138,8 @@ def fit_subject(
     if subject.provenance["fit.decided"] == "no":
         name = str(subject.provenance["fit.alternative"])
         reporter.note((_UNDECIDED if body.skeleton.stands else _UNDECIDED_LYING)[name])
-    facts = scene_reference(scene, output, "fit.") | {f"fit.{name}": problem for name, problem in trusted.items()}
+    not_heeded = {f"fit.{name}": problem for name, problem in trusted.items()}
+    facts = inputs.scene_reference(scene, output, "fit.") | not_heeded
     subject = replace(subject, provenance={**subject.provenance, **facts})
     if output is not None:
         write_subject(output, subject)
@@ -164,7 +155,7 @@ def track(
     output: str | Path | None = None,
     body: BodyModel | str | Path | None = None,
     rigid: bool | None = None,
-    frames: Frames = None,
+    frames: inputs.Frames = None,
     identity: int | None = None,
     person: str | None = None,
     pieces: int = 1,
@@ -222,12 +213,12 @@ def track(
         raise UsageError("--pins needs --again, the result whose frames were pinned")
     subject, body = _starts_from(subject, body)
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
-    loaded = one_person(scene_from(scene, frames, identity, reporter, person=person))
+    loaded = inputs.one_person(inputs.scene_from(scene, frames, identity, reporter, person=person))
     if again is not None:
         return _again(loaded, again, pins, config, file, reporter, settings)
     loaded = with_masks(loaded, reporter, effective(TrackConfig, loaded.settings("track"), settings, config))
-    chosen = track_settings(loaded, settings, config)
-    truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
+    chosen = inputs.track_settings(loaded, settings, config)
+    inputs.truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}
 
     start_warp(chosen.device)
@@ -252,9 +243,9 @@ def track(
         subject = kept
     if isinstance(subject, str | Path):
         subject = read_subject(subject)
-    generic = body_from(body, loaded) if subject is None else subject.body
+    generic = inputs.body_from(body, loaded) if subject is None else subject.body
     refines = chosen.cameras == REFINE
-    trusted = look_first(loaded, generic, reporter, trust_cameras, start=subject, to_be_mended=refines)
+    trusted = inputs.look_first(loaded, generic, reporter, trust_cameras, start=subject, to_be_mended=refines)
     if refines:
         begun = resume and any(each is not None and each.exists() for each in (checkpoint, kept))
         loaded, refined = _refined(loaded, subject, generic, chosen, file, resume, begun, reporter)
@@ -273,7 +264,7 @@ def track(
         tracked = track_in_pieces(loaded, start, chosen, spans, reporter, checkpoint, **resumption)
     else:
         tracked = _tracked(loaded, start, chosen, reporter, checkpoint=checkpoint, **resumption)
-    tracked = replace(tracked, config=tracked.config | scene_reference(loaded, file) | trusted)
+    tracked = replace(tracked, config=tracked.config | inputs.scene_reference(loaded, file) | trusted)
     if file is not None and checkpoint is not None:
         write_result(file, tracked)
         for each in checkpoints(checkpoint, pieces):
@@ -291,7 +282,7 @@ def _again(
     settings: dict[str, Any],
 ) -> Result:
     """A result of which some frames were solved anew: around pins, or those that the scene is ``loaded`` with."""
-    result, path = result_from(again)
+    result, path = inputs.result_from(again)
     if result.cameras.names != loaded.calibrated.names:
         problem = f"its cameras are {', '.join(result.cameras.names)}, not those of the scene"
         raise InputError(path or "result", problem, "give the scene that it was tracked from")
@@ -321,7 +312,7 @@ def _again(
     changed = mended.config.get("mended", [])[len(result.config.get("mended", [])) :]
     spans = ", ".join(f"{first} to {last}" for first, last in (each["frames"] for each in changed))
     reporter.note(f"again: frames {spans} are new" if spans else "again: nothing better was found")
-    mended = replace(mended, config=mended.config | scene_reference(loaded, file))
+    mended = replace(mended, config=mended.config | inputs.scene_reference(loaded, file))
     if file is not None:
         write_result(file, mended)
     return mended

@@ -57,9 +57,7 @@ class TrackConfig:
         "them, as far as that is significantly better.",
     )
     scale: float = setting(
-        1.0,
-        "Of masks and cameras, up to 1.",
-        "1; in large images of a scene what leaves the subject 220 to 440 pixels",
+        1.0, "Of masks and cameras, up to 1.", "1; in large images of a scene what leaves the subject 220 to 440 pixels"
     )
     device: str = setting("auto", "auto, cpu or a CUDA device such as cuda:0.")
     threads: int | None = setting(None, "CPU threads.", "all that this process may use")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 
 import numpy as np
@@ -44,11 +44,6 @@ class MatchingConfig:
     sigma: float = 0.012  # standard deviation of a residual [m]
     apart: float = 4.0  # outline that errs as one [px]
     deep: float = 0.04  # outline that is farther outside of the mask is counted as exposed [m]
-
-    def for_size(self, share: float) -> MatchingConfig:
-        """That of a body of so much of a person's size; cameras are as much nearer to it."""
-        lengths = {name: share * getattr(self, name) for name in ("reach", "huber", "sigma", "deep")}
-        return replace(self, **lengths)
 
 
 WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)
@@ -116,7 +111,9 @@ class ContourFitter:
         self._moving = allocated(Moving, device, late=self._late, frame=self.fields.struct.frame, own=0.0, **skin)
 
         # From outlines to residuals, rows of the Jacobian, and their sums.
-        self._matching = filled(Matching, **asdict((matching or MatchingConfig()).for_size(body.relative_size)))
+        settings = asdict(matching or MatchingConfig())
+        lengths = {name: body.relative_size * settings[name] for name in ("reach", "huber", "sigma", "deep")}
+        self._matching = filled(Matching, **settings | lengths)
         self._edges = make_edges(mesh.face, device)
         self._outline = make_outline(view, mesh, len(self._edges.edge), device)
         edge = (*view, self._outline.size)

@@ -14,10 +14,8 @@ from typing import Any
 from mmocap_warp.errors import InputError, input_errors
 
 _RESERVED = re.compile(r'[<>:"/\\|?*]|^\.|[. ]$|^(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|$)|^$', re.IGNORECASE)
-MAX_NAME = 200
-"""Bytes of a name of a file; file systems allow 255, of which endings take some."""
-MAX_BYTES = 1 << 28
-"""Bytes of a file that is read at once: far above an image or a long motion, far below the memory."""
+MAX_NAME = 200  # bytes of a name of a file; file systems allow 255, of which endings take some
+MAX_BYTES = 1 << 28  # bytes of a file that is read at once: far above an image or a long motion, far below the memory
 
 
 def file_name(name: str, source: object) -> str:

@@ -65,11 +65,9 @@ _MASK = make_dataclass("_MASK", [("scale", float, 1.0), ("consistent", bool, Fal
 _CONFIGS: dict[str, Any] = {"mask": _MASK, "fit": FitConfig, "track": TrackConfig}
 _SETTINGS = {kind: {each.name for each in fields(of)} - {"device", "threads"} for kind, of in _CONFIGS.items()}
 
-Settings = dict[str, dict[str, Any]]
-"""Of the commands ``mask``, ``fit`` and ``track``."""
+Settings = dict[str, dict[str, Any]]  # of the commands ``mask``, ``fit`` and ``track``
 
-Rule = tuple[str, str | None, Settings]
-"""A pattern of names, the person whose recordings these are, and settings."""
+Rule = tuple[str, str | None, Settings]  # a pattern of names, the person whose recordings these are, and settings
 
 
 @dataclass(frozen=True)

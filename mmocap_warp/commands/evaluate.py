@@ -159,15 +159,11 @@ def measure(
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     start_warp()
     measures = measure_all.measure(tracked, run, raw, sex, points)
-    return measures if folder is None else replace(measures, files=tuple(_write(folder, measures)))
-
-
-def _write(folder: Path, measures: Measures) -> list[Path]:
-    """Write the tables, and the plots of what was measured."""
-    written = write_tables(folder, measures)
-    plots = (("angles.svg", plot_angles, measures.shown.angles), ("feet.svg", plot_feet, measures.shown.feet))
-    for name, plot, has_any in plots:
-        if has_any:
-            plot(folder / name, measures)
-            written.append(folder / name)
-    return written
+    if folder is None:
+        return measures
+    written, shown = write_tables(folder, measures), measures.shown
+    for name, plot, was_measured in (("angles", plot_angles, shown.angles), ("feet", plot_feet, shown.feet)):
+        if was_measured:
+            written.append(folder / f"{name}.svg")
+            plot(written[-1], measures)
+    return replace(measures, files=tuple(written))

@@ -31,8 +31,7 @@ from mmocap_warp.scene.mask_writing import TINTS
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
-_DRAWN_LENGTH = 1600
-"""The longer side of the images that a result is drawn over, at most, unless it was tracked in larger ones [px]."""
+_DRAWN_LENGTH = 1600  # at most of a drawn image's longer side, unless the result was tracked in larger ones [px]
 
 
 @dataclass(frozen=True)

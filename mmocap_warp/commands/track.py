@@ -36,11 +36,10 @@ _UNDECIDED = {
     "turned": "fit: the masks do not tell which way the subject faces; it may be back to front",
     "swapped": "fit: the masks do not tell left limbs from right ones; they may be swapped",
 }
-_UNDECIDED_LYING = {
+_UNDECIDED_LYING = {  # the same of a body that does not stand
     "turned": "fit: the masks do not tell which way the subject lies; it may lie the other way round",
     "swapped": "fit: the masks do not tell similar limbs from one another; they may be swapped",
 }
-"""The same of a body that does not stand."""
 
 
 @releases_locks

@@ -3,5 +3,4 @@
 May import: kernels, device, body, cameras, masks.
 """
 
-ACCELERATION = 5.4
-"""Standard deviation of a point's acceleration [m/s^2]: 1.5 mm of second difference at 60 frames/s."""
+ACCELERATION = 5.4  # standard deviation of a point's acceleration [m/s^2]: 1.5 mm of second difference at 60 frames/s

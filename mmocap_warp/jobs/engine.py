@@ -50,8 +50,7 @@ class Notice:
     text: str
 
 
-Event = Any
-"""One of these, or a job's result. After a result or a refusal the worker waits for its next job."""
+Event = Any  # one of these, or a job's result. After a result or a refusal the worker waits for its next job
 
 
 class EngineLost(Exception):

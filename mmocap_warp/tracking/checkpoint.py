@@ -27,18 +27,13 @@ from mmocap_warp.tracking.tracker import TrackState
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import content_hash, read_bytes
 
-Identity = dict[str, Any]
-"""What a run depends on, by names for people: hashes, and settings as JSON-compatible values."""
+Identity = dict[str, Any]  # what a run depends on, by names for people: hashes, and settings as JSON-compatible values
+Memory = Mapping[str, np.ndarray]  # arrays by name that the next frame depends on besides; see ``TrackState.memory``
 
 _MAGIC = b"mmocap checkpoint 5\n"
 _INTERVAL = 2.0  # seconds between saves, at least
 _ANSWER = tuple(field.name for field in fields(FrameAnswer))
-
-_CODE = ("version", "code")
-"""What an identity says of the program; the rest is of what the user gave."""
-
-Memory = Mapping[str, np.ndarray]
-"""Arrays by name that the next frame depends on besides; see ``TrackState.memory``."""
+_CODE = ("version", "code")  # what an identity says of the program; the rest is of what the user gave
 
 
 def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identity:

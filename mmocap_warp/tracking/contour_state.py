@@ -11,8 +11,7 @@ from mmocap_warp.contour.frame.rooted import FrameArrays
 from mmocap_warp.tracking.tracker import TrackState
 from mmocap_warp.tracking.uncovered import is_usual
 
-LEVEL_FRAMES = 20
-"""Frames that the usual overlap is taken over."""
+LEVEL_FRAMES = 20  # frames that the usual overlap is taken over
 _LEAST_FRAMES = 4  # the usual overlap is known after so many frames
 _LEVEL_SHARE = 0.3  # share of a look's uncovered area in its new level
 _RAREST_LOOK = 4  # looks for a limb that was not found become so many times rarer at most

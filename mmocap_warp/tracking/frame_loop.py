@@ -45,8 +45,7 @@ from mmocap_warp.versions import versions
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
-FrameReport = Callable[[int, FrameAnswer], None]
-"""Called after every frame with its position and answer."""
+FrameReport = Callable[[int, FrameAnswer], None]  # called after every frame with its position and answer
 
 _LEAST_VIEWS = 3  # that are left where the view of a camera that was moved is left out
 

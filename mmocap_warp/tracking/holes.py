@@ -17,10 +17,8 @@ from mmocap_warp.masks.cleanup import around
 from mmocap_warp.masks.observation import Observation, pack_masks, unpack_masks
 from mmocap_warp.scene.recording import ViewMasks
 
-HOLE_SECONDS = 10.0
-"""A hole is followed for so long at most [s]."""
-LEAST_WHOLE = 2
-"""So many views without a hole show where a limb is."""
+HOLE_SECONDS = 10.0  # a hole is followed for so long at most [s]
+LEAST_WHOLE = 2  # so many views without a hole show where a limb is
 _STILL_SECONDS = 1.0  # a hole that stays where it opened is followed for so long at most
 _RADIUS = 0.045  # of a disc that fits into a hole, as a share of the mask's extent: limbs are thinner
 _FASTEST = 1.15  # extents a second that such a disc may move, so that it vanishes from where it was

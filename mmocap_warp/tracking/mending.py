@@ -34,8 +34,7 @@ from mmocap_warp.tracking.recovery_starts import SCATTERED_POSES, RecoveryStarts
 from mmocap_warp.tracking.smoothing import Mending, smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
 
-REACH = 2.0
-"""Seconds that frames are followed from an anchor at most."""
+REACH = 2.0  # seconds that frames are followed from an anchor at most
 _CONTEXT = 0.5  # seconds before and after a span whose frames are held
 _MARGIN = 0.1  # seconds beside what changed that are smoothed with it
 _CHANGED = 0.005  # a frame near clicks changed if a joint moved farther [m]

@@ -16,10 +16,8 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.result.result import Result
 
-SIGMA = 0.01
-"""Standard deviation of a click, as a length at a body as large as a person [m]."""
-MAX_DISAGREEMENT = 0.06
-"""How far beside the place that all views agree on a click may lie, at a body as large as a person [m]."""
+SIGMA = 0.01  # standard deviation of a click, as a length at a body as large as a person [m]
+MAX_DISAGREEMENT = 0.06  # how far a click may lie beside where all views agree, at a body as large as a person [m]
 _LENS_STEPS = 50  # of undoing a lens; each divides the error by ten in usual ones
 
 

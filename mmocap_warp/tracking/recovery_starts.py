@@ -16,8 +16,7 @@ from mmocap_warp.tracking.from_settings import search_limits
 from mmocap_warp.tracking.limb_pairs import limbs
 from mmocap_warp.tracking.track_config import TrackConfig
 
-SCATTERED_POSES = 40
-"""Poses of a run that are scattered around one."""
+SCATTERED_POSES = 40  # poses of a run that are scattered around one
 _SCATTER_ANGLE = 0.35  # standard deviation of the angles of scattered poses [rad]
 _HEADINGS = 16  # directions that a standing body is turned to
 _ROTATIONS = 20  # rotations of a body that may lie any way up

@@ -35,16 +35,13 @@ from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import CROWDED_OVERLAP, others_in, overlap
 from mmocap_warp.tracking.uncovered import LASTING_AREA, Uncovered, UncoveredArea, look_interval, parts_in_doubt
 
-SmoothReport = Callable[[int], None]
-"""Called with the number of frames that are final."""
+SmoothReport = Callable[[int], None]  # called with the number of frames that are final
 
 _TRACKED, _PARTIAL, _LOST, _INTERPOLATED, _REPEATED = (
     STATUS.index(name) for name in ("tracked", "partial", "lost", "interpolated", "repeated")
 )
-CANDIDATES = 32
-"""Poses that are linearised at a time."""
-WIDE_SIGMA = 0.15
-"""Least standard deviation of a joint of a part in doubt, along each axis [m]."""
+CANDIDATES = 32  # poses that are linearised at a time
+WIDE_SIGMA = 0.15  # least standard deviation of a joint of a part in doubt, along each axis [m]
 _OBSERVED = 8  # frames whose masks a GPU makes fields of at a time
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
 _HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]

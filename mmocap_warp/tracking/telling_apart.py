@@ -18,8 +18,7 @@ from mmocap_warp.tracking.track_config import TrackConfig
 
 _TIE = 3  # a pixel that is nearer to one body than to the others by less may be of any [px]
 
-Masks = list[np.ndarray]
-"""Per camera (height, width) bool."""
+Masks = list[np.ndarray]  # per camera (height, width) bool
 
 
 def told_apart(scene: Scene, subjects: Sequence[Subject], config: TrackConfig) -> Iterator[tuple[list[Masks], Masks]]:

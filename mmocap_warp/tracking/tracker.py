@@ -20,8 +20,7 @@ _INSTEAD = 0.3  # overlap below which a view may show another instead of the bod
 _CROWDED = 0.3  # mask beside the body over the body's own area from which on somebody else is in a view too
 _COVERED = 0.8  # share of the body that such a mask shows: it is the body's as well
 _USUALLY_BESIDE = 0.05  # mask beside the body over the body's own area where it is alone
-CROWDED_OVERLAP = 1 / (1 + _CROWDED)
-"""Views with a larger overlap show nobody else."""
+CROWDED_OVERLAP = 1 / (1 + _CROWDED)  # views with a larger overlap show nobody else
 
 
 @dataclass(frozen=True, eq=False)

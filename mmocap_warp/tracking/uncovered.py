@@ -39,11 +39,9 @@ _LOOK_INTERVAL = 0.1  # seconds between the frames that are looked at for limbs 
 _JUDGE_INTERVAL = 1 / 30  # seconds between the frames whose final poses are judged
 _CLEAR_AREA = 0.01  # area above the usual that says by itself that a limb is lost [m^2], in a body like a person
 _REPEATED_AREA = 0.006  # the same, where two looks in a row show so much [m^2]
-LASTING_AREA = 0.002
-"""The same, where two looks for lost limbs show the area [m^2], in a body as large as a person."""
+LASTING_AREA = 0.002  # the same, where two looks for lost limbs show the area [m^2], in a body as large as a person
 _FINAL_LASTING_AREA = 0.003  # the same, in the median of final looks: a torso that fits badly shows 0.0025 [m^2]
-LARGEST_USUAL_AREA = 0.01
-"""More than this near a part is never usual [m^2]: it may be a limb that is wrong in all frames."""
+LARGEST_USUAL_AREA = 0.01  # more near a part is never usual [m^2]: it may be a limb that is wrong in all frames
 _USUAL_SHARE = 0.2  # of all looks at a clip, those that show less uncovered area than usual
 _LASTING = 0.2  # seconds before and after a look, in the median of which area has to last
 _AROUND = 0.2  # seconds within which a limb is in doubt before and after it stands out

@@ -18,11 +18,6 @@ from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
-DescendFrames = Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarray]]
-"""Poses that contours lead to from some, each in its frame (pose,), and what they cost (pose,)."""
-PairsFromRest = Callable[[int, RootedPoses], RootedPoses]
-"""Poses of a frame that contours lead to from one (1,) with each pair of limbs at rest."""
-
 
 class UncoveredMask(Protocol):
     """Finds mask area that a pose leaves uncovered and that several views agree on."""
@@ -37,10 +32,8 @@ class UncoveredMask(Protocol):
 AreaCost = Callable[[np.ndarray, RootedPoses, np.ndarray | None], np.ndarray]
 """Area (pose,) that only mask or body covers; quicker for poses of a frame that differ in given coordinates alone."""
 
-AHEAD = 0.6
-"""Frames are followed back from so far beyond a window [s]: its own end may be where a limb is lost."""
-STARTS = 2
-"""Starts of a frame that is followed back: the last pose, and where its motion leads."""
+AHEAD = 0.6  # frames are followed back from so far beyond a window [s]: its own end may be where a limb is lost
+STARTS = 2  # starts of a frame that is followed back: the last pose, and where its motion leads
 _MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
 _LOST_COST = 1.35  # a pose that costs so many times as much as the known one has lost the body
 _ANOTHER_PLACE = 0.04  # two poses are different answers if a joint is this far apart [m]
@@ -60,14 +53,16 @@ _ACCELERATION = 36.0  # standard deviation of a joint's acceleration [m/s^2]: fr
 class BackwardPass:
     """Follows frames from the last to the first, and chooses between what is found and what was known."""
 
-    descend: DescendFrames  # how a frame is fitted
+    # poses that contours lead to from some, each in its frame (pose,), and what they cost (pose,)
+    descend: Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarray]]
     linearise: LineariseFrames  # the contours' equations
     rooting: Rooting  # moves poses
     points: MotionPoints  # what is kept from accelerating
     rate: float  # frames a second
     areas: AreaCost  # what contours do not see: a limb that hides in the trunk has no outline there, and so no error
     limbs: Sequence[np.ndarray]  # the coordinates (coordinate,) of each
-    pairs_from_rest: PairsFromRest | None = None  # how pairs of limbs are fitted from rest; None where there are none
+    # poses of a frame that contours lead to from one (1,) with each pair of limbs at rest; None where there are none
+    pairs_from_rest: Callable[[int, RootedPoses], RootedPoses] | None = None
     mirrored: Callable[[np.ndarray], np.ndarray] | None = None  # a pose (coordinate,) with left and right exchanged
     uncovered: UncoveredMask | None = None  # tells of limbs that masks show and the body does not; None to do without
 

@@ -14,17 +14,11 @@ from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, STOP, Trust
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
-COARSE_ACCELERATION = 72.0
-"""``ACCELERATION`` for a first pass, in which the frames still find the contours that they belong to."""
-
-WINDOW = 2.0
-"""What is solved together [s]."""
-OVERLAP = 0.4
-"""The end of a window that is solved again with what follows it [s]."""
-LAG = 10
-"""Frames that are solved together while a clip is still being recorded."""
-COMMIT = 4
-"""How many of them are final each time."""
+COARSE_ACCELERATION = 72.0  # ``ACCELERATION`` for a first pass, in which frames still find the contours they belong to
+WINDOW = 2.0  # what is solved together [s]
+OVERLAP = 0.4  # the end of a window that is solved again with what follows it [s]
+LAG = 10  # frames that are solved together while a clip is still being recorded
+COMMIT = 4  # how many of them are final each time
 _LAG_STEPS = 2  # descent steps of these frames
 
 _NOISE = 0.05  # share of itself that a step may add to a frame's cost

@@ -6,8 +6,7 @@ from mmocap_warp.body.rotations import applied, transposed, turn, zyx_rotation
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.contour.frame.rooted import RootedPoses
 
-ARM = 0.1
-"""How far from its joint's centre a point lies that shows how the joint turns [m]."""
+ARM = 0.1  # how far from its joint's centre a point lies that shows how the joint turns [m]
 POINTS_A_JOINT = 4
 
 

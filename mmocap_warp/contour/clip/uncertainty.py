@@ -22,17 +22,11 @@ from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT
 from mmocap_warp.contour.frame.normal_equations import LineariseViews, NormalEquations
 from mmocap_warp.contour.frame.rooted import FrameArrays, RootedPoses
 
-NOISE = 1.3
-"""Measured deviations from frame to frame, in units of those that the normal matrix predicts."""
-SYSTEMATIC = 0.7
-"""Measured deviations that all frames share, in units of those that the body's family and the residuals predict."""
-USUAL_MISFIT = 0.011
-"""Root mean square of contours' distances at which measured deviations are as large as predicted [m]."""
-
-MOST_SYSTEMATIC = 2.0
-"""By how much the systematic share of residuals grows at most, in usual ones."""
-BODY_INTERVAL = 0.2
-"""Seconds between the frames in which the body's share of the uncertainty is computed."""
+NOISE = 1.3  # measured deviations from frame to frame, in units of those that the normal matrix predicts
+SYSTEMATIC = 0.7  # those that all frames share, in units of what the body's family and the residuals predict
+USUAL_MISFIT = 0.011  # root mean square of contours' distances at which deviations are as large as predicted [m]
+MOST_SYSTEMATIC = 2.0  # by how much the systematic share of residuals grows at most, in usual ones
+BODY_INTERVAL = 0.2  # seconds between the frames in which the body's share of the uncertainty is computed
 
 
 @dataclass(frozen=True, eq=False)

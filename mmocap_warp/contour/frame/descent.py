@@ -10,13 +10,10 @@ import numpy as np
 
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 
-RAISE = 10.0
-"""Factor by which damping grows after a step that was not taken, and falls after one that was."""
-STOP = 1e-4
-"""A descent ends after a step that moved no coordinate further than this [m, rad]."""
+RAISE = 10.0  # factor by which damping grows after a step that was not taken, and falls after one that was
+STOP = 1e-4  # a descent ends after a step that moved no coordinate further than this [m, rad]
 _NOISE = 0.1  # share of the lowest objective that a step may add: it matches outlines anew, and some find none
-LARGEST_STEP = 0.2
-"""No coordinate moves further in a step [m, rad]."""
+LARGEST_STEP = 0.2  # no coordinate moves further in a step [m, rad]
 
 _STEP_LENGTH, _STEP_ANGLE = 0.05, 0.15  # standard deviations of a step, of lengths [m] and angles [rad]
 _DIAGONAL_SHARE = 1e-3  # share of the diagonal that damping adds, so that what is seen well is damped too

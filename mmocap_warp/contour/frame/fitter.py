@@ -46,8 +46,7 @@ class MatchingConfig:
     deep: float = 0.04  # outline that is farther outside of the mask is counted as exposed [m]
 
 
-WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)
-"""For what is still far from the masks."""
+WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)  # for what is still far from the masks
 
 _FIRST_DAMPING = 1.0e-3
 

@@ -99,10 +99,10 @@ class RecoveryStarts:
         if skeleton.root_is_fixed:
             bent = np.concatenate(self._parts)
             low, high = self._bounds[bent].T
-            starts = np.repeat(pose[:, None], SCATTERED_POSES, axis=1)
-            for run, of_run in enumerate(starts):
+            drawn = np.repeat(pose[:, None], SCATTERED_POSES, axis=1)
+            for run, of_run in enumerate(drawn):
                 of_run[:, bent] = self._random(run, counter).uniform(low, high, (SCATTERED_POSES, len(bent)))
-            return starts
+            return drawn
         # One view may be wrong: points that all others see belong to the hull.
         hull = visual_hull(self._rig, observation, spacing=_VOXEL * self._subject.body.relative_size, tolerate=1)
         up = upright_base(self._rig.up)

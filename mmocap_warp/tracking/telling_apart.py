@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.masks.cleanup import around
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.attaching import subject_carrying
@@ -37,14 +38,18 @@ def told_apart(scene: Scene, subjects: Sequence[Subject], config: TrackConfig) -
     for masks, several, things in zip(*streams, strict=True):
         drawn = [of(tracker.state.pose) for of, tracker in zip(silhouettes_of, trackers, strict=True)]
         people, hides = [list(each) for each in masks], list(things)
-        for k, unsure in enumerate(several):
-            outside = (1 - views[k].view(np.uint8) for views in drawn)
+        for k in (number for number, unsure in enumerate(several) if unsure.any()):  # bodies take long to draw
+            bodies = [views[k] for views in drawn]
+            box = around(np.logical_or.reduce([several[k], *bodies]).view(np.uint8), 0)
+            outside, unsure = (1 - body[box].view(np.uint8) for body in bodies), several[k][box]
             away = np.array([cv2.distanceTransform(each, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for each in outside])
             nearest, second = np.sort(away, axis=0)[:2]
             decided = unsure & (second > nearest + _TIE)
             for n, person in enumerate(people):
-                person[k] = (person[k] & ~unsure) | (decided & (away[n] == nearest))
-            hides[k] = things[k] | (unsure & ~decided)
+                person[k] = person[k] & ~several[k]
+                person[k][box] |= decided & (away[n] == nearest)
+            hides[k] = things[k].copy()
+            hides[k][box] |= unsure & ~decided
         for n, tracker in enumerate(trackers):
             others = zip(*people[:n], *people[n + 1 :], hides, strict=True)
             tracker.step(Observation.from_masks(people[n], None, [np.logical_or.reduce(each) for each in others]))

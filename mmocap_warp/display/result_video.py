@@ -16,7 +16,7 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.display.overlay import INK, PAPER, Look, ViewedBody, Window, draw_view, legend, text_width, write_text
+from mmocap_warp.display.overlay import INK, Look, ViewedBody, Window, draw_view, legend, plain, text_width, write_text
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import WebmFile, write_animation, write_png
 from mmocap_warp.result.result import STATUS, Result
@@ -415,7 +415,7 @@ def _tile(rows: list[list[np.ndarray]], least: int = 0) -> tuple[np.ndarray, lis
     lefts = [_GAP + sum(widths[:c]) + c * _GAP for c in range(columns)]
     tops = [_HEADER + sum(heights[:r]) + r * _GAP for r in range(len(rows))]
     width = max(lefts[-1] + widths[-1] + _GAP, least)
-    canvas = np.full((tops[-1] + heights[-1] + _GAP, width, 3), PAPER, np.uint8)
+    canvas = plain(tops[-1] + heights[-1] + _GAP, width)
     for row, top, height in zip(rows, tops, heights, strict=True):
         for view, left, width in zip(row, lefts, widths, strict=False):
             y, x = top + (height - view.shape[0]) // 2, left + (width - view.shape[1]) // 2

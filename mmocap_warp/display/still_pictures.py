@@ -12,7 +12,7 @@ from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.display import overlay
-from mmocap_warp.display.overlay import COLOUR_OF_SIDE, PAPER, SUBPIXEL_BITS, Colour, fixed_point, write_text
+from mmocap_warp.display.overlay import COLOUR_OF_SIDE, PAPER, SUBPIXEL_BITS, Colour, fixed_point, plain, write_text
 from mmocap_warp.formats.image_files import write_png
 
 # Of the picture of the floor:
@@ -63,7 +63,7 @@ def floor_picture(shown: Sequence[np.ndarray], rig: CameraRig, heads: np.ndarray
     columns = int(np.ceil(np.sqrt(len(views))))
     rows = [np.concatenate(views[at : at + columns], axis=1) for at in range(0, len(views), columns)]
     width = max(row.shape[1] for row in rows)
-    banner = np.full((32, width, 3), PAPER, np.uint8)
+    banner = plain(32, width)
     write_text(banner, title, (8, 6))
     return np.concatenate([banner, *[np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows]])
 
@@ -121,7 +121,7 @@ class _Sheet:
         room = np.array([_WIDTH, _HEIGHT]) - 2 * _MARGIN
         self.scale = float((room / np.maximum(extent, 1e-9)).min())
         width, height = (np.ceil(self.scale * extent) + 2 * _MARGIN).astype(int)
-        self.image = np.full((height, width, 3), PAPER, np.uint8)
+        self.image = plain(height, width)
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """(n, 2) of points (n, 3)."""

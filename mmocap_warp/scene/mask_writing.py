@@ -1,7 +1,7 @@
 """Writing a scene's masks to a folder that is a scene itself: made once, read fast."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import repeat
 from pathlib import Path
 
@@ -20,8 +20,8 @@ from mmocap_warp.scene.recording import Scene
 from mmocap_warp.whole_file import file_name, write_whole
 
 TINTS = ((31, 210, 255), (80, 200, 60), (230, 120, 200), (220, 200, 40), (90, 120, 255))  # BGR, of people in turn
-_ADDED, _TAKEN = np.array([255, 90, 0], np.uint8), np.array([40, 40, 255], np.uint8)  # BGR: blue, red
-_VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
+_ADDED, _TAKEN = (255, 90, 0), (40, 40, 255)  # BGR: blue, red
+_OVERLAY = 1600, 900  # width and height that the overlay's views fill at most, well within a screen [px]
 
 Refine = Callable[[list[np.ndarray], list[np.ndarray | None]], list[np.ndarray]]
 """From a frame's masks, per camera (height, width) bool, and its images to better masks."""
@@ -63,10 +63,11 @@ def write_masks(
         mask_mark(scene, k, scale, repaired=bool(make_consistent)).write(each)
     people = [scene.of_person(name) for name in scene.people] or [scene]
     streams = zip(*(person.masks(scale) for person in people), strict=True)
-    with ThreadPoolExecutor() as pool, WebmFile(folder / "overlay.webm", scene.rate) as video:
+    with WebmFile(folder / "overlay.webm", scene.rate) as video, ThreadPoolExecutor() as pool:
         hidden = scene.hidden(scale) if scene.people else repeat([], scene.frame_count)
         pairs = apart or zip(streams, hidden, strict=True)
         frames = zip(pairs, scene.images(scale) if images is None else images, strict=True)
+        encoding: Future[None] = pool.submit(lambda: None)  # a frame, while the next one is made
         for f, ((before, in_front), views) in enumerate(frames):
             masks = [make(each) for make, each in zip(make_consistent, before, strict=False)] or list(before)
             if refine is not None:
@@ -78,11 +79,14 @@ def write_masks(
                     for labels, mask, old in zip(written, *of_person, strict=True):
                         labels[mask & (old | (labels == 0))] = label
             list(pool.map(write_png, [each / f"{f:06d}.png" for each in folders], written))
-            video.write(draw_masks(masks, views, before))
+            overlay = draw_masks(masks, views, before)
+            encoding.result()
+            encoding = pool.submit(video.write, overlay)
             if look is not None:
                 look(masks[0])
             if progress is not None:
                 progress(f + 1)
+        encoding.result()
     write_whole(folder / "scene.toml", about)
     return folder / "scene.toml"
 
@@ -107,26 +111,34 @@ def mask_mark(scene: Scene, k: int, scale: float, repaired: bool = False) -> Mas
 def draw_masks(
     people: Sequence[list[np.ndarray]], images: list[np.ndarray | None], before: Sequence[list[np.ndarray]] = ()
 ) -> np.ndarray:
-    """All views side by side: people's masks tinted and outlined over images (BGR), or over gray where there is none.
+    """All views, in as many columns as make them largest: people's masks tinted and outlined over images (BGR).
 
-    What was added to or taken from the masks that were there ``before`` has colours of its own.
+    Where there is no image they are over gray. What was added to or taken from the masks that were there ``before`` has
+    colours of its own.
     """
-    height = min(_VIEW_HEIGHT, max(mask.shape[0] for mask in people[0]))
-    views = []
+    # As large as a screen allows, each in the corner of a cell.
+    height, width = np.max([mask.shape for mask in people[0]], axis=0).tolist()
+    rows = {columns: -(-len(images) // columns) for columns in range(1, len(images) + 1)}
+    fits = ((min(1.0, _OVERLAY[0] / (c * width), _OVERLAY[1] / (rows[c] * height)), c) for c in rows)
+    scale, columns = max(fits)
+    height, width = (max(1, round(scale * side)) for side in (height, width))
+    canvas = np.full((rows[columns] * height, columns * width, 3), 40, np.uint8)
     for k, image in enumerate(images):
         pairs = [(new[k], old[k]) for new, old in zip(people, before or people, strict=True)]
-        size = (max(1, round(pairs[0][0].shape[1] * height / pairs[0][0].shape[0])), height)
-        shape = (*size[::-1], 3)
+        size = [max(1, round(scale * side)) for side in reversed(people[0][k].shape)]
+        shape = (*reversed(size), 3)
         view = np.full(shape, 40, np.uint8) if image is None else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         for person, pair in enumerate(pairs):
             mask, old = (cv2.resize(m.view(np.uint8), size, interpolation=cv2.INTER_NEAREST).view(bool) for m in pair)
-            own = np.array(TINTS[person % len(TINTS)], np.uint8)
+            own = TINTS[person % len(TINTS)]
             for part, tint in ((mask, own), (mask & ~old, _ADDED), (old & ~mask, _TAKEN)):
-                view[part] = view[part] // 2 + tint // 2
+                if part.any():
+                    cv2.copyTo(view // 2 + np.array(tint, np.uint8) // 2, part.view(np.uint8), view)
             contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-            cv2.drawContours(view, contours, -1, own.tolist(), 1)
-        views.append(view)
-    return np.concatenate(views, axis=1)
+            cv2.drawContours(view, contours, -1, own, 1)
+        top, left = k // columns * height, k % columns * width
+        canvas[top : top + size[1], left : left + size[0]] = view
+    return canvas
 
 
 def masked_scene(scene: Scene, folder: Path, scale: float) -> str:

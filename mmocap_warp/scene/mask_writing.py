@@ -21,6 +21,7 @@ from mmocap_warp.whole_file import file_name, write_whole
 
 TINTS = ((31, 210, 255), (80, 200, 60), (230, 120, 200), (220, 200, 40), (90, 120, 255))  # BGR, of people in turn
 _ADDED, _TAKEN = (255, 90, 0), (40, 40, 255)  # BGR: blue, red
+_NAME = (235, 235, 235)
 _OVERLAY = 1600, 900  # width and height that the overlay's views fill at most, well within a screen [px]
 
 Refine = Callable[[list[np.ndarray], list[np.ndarray | None]], list[np.ndarray]]
@@ -79,7 +80,7 @@ def write_masks(
                     for labels, mask, old in zip(written, *of_person, strict=True):
                         labels[mask & (old | (labels == 0))] = label
             list(pool.map(write_png, [each / f"{f:06d}.png" for each in folders], written))
-            overlay = draw_masks(masks, views, before)
+            overlay = draw_masks(masks, views, rig.names, before)
             encoding.result()
             encoding = pool.submit(video.write, overlay)
             if look is not None:
@@ -109,12 +110,15 @@ def mask_mark(scene: Scene, k: int, scale: float, repaired: bool = False) -> Mas
 
 
 def draw_masks(
-    people: Sequence[list[np.ndarray]], images: list[np.ndarray | None], before: Sequence[list[np.ndarray]] = ()
+    people: Sequence[list[np.ndarray]],
+    images: list[np.ndarray | None],
+    names: Sequence[str],
+    before: Sequence[list[np.ndarray]] = (),
 ) -> np.ndarray:
     """All views, in as many columns as make them largest: people's masks tinted and outlined over images (BGR).
 
-    Where there is no image they are over gray. What was added to or taken from the masks that were there ``before`` has
-    colours of its own.
+    Each has its camera's name. Where there is no image masks are over gray. What was added to or taken from the masks
+    that were there ``before`` has colours of its own.
     """
     # As large as a screen allows, each in the corner of a cell.
     height, width = np.max([mask.shape for mask in people[0]], axis=0).tolist()
@@ -136,6 +140,7 @@ def draw_masks(
                     cv2.copyTo(view // 2 + np.array(tint, np.uint8) // 2, part.view(np.uint8), view)
             contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
             cv2.drawContours(view, contours, -1, own, 1)
+        cv2.putText(view, names[k], (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _NAME, 1, cv2.LINE_AA)
         top, left = k // columns * height, k % columns * width
         canvas[top : top + size[1], left : left + size[0]] = view
     return canvas

@@ -21,7 +21,7 @@ from mmocap_warp.scene.mask_writing import _ADDED, _TAKEN, TINTS, draw_masks
 )
 def test_views_fill_a_screen(count, size, drawn):
     masks = [np.zeros(size[::-1], bool) for _ in range(count)]
-    picture = draw_masks([masks], [None] * count)
+    picture = draw_masks([masks], [None] * count, ["cam"] * count)
     assert picture.shape[1::-1] == drawn
 
 
@@ -32,7 +32,7 @@ def test_every_view_is_in_its_cell_with_what_was_added_and_taken():
     before[5][:, 320:] = False
     before[6][:, 320:] = True
     gray = np.full((480, 640, 3), 100, np.uint8)
-    picture = draw_masks([masks], [gray, *[None] * 6], [before])
+    picture = draw_masks([masks], [gray, *[None] * 6], [f"cam{k}" for k in range(7)], [before])
     tint = np.array(TINTS[0]) // 2
     assert picture.shape == (600, 1600, 3)
     assert (picture[150, 200] == 50 + tint).all()  # of the first view, over its image
@@ -41,3 +41,5 @@ def test_every_view_is_in_its_cell_with_what_was_added_and_taken():
     assert (picture[450, 700] == (20 + tint) // 2 + np.array(_ADDED) // 2).all()
     assert (picture[450, 1100] == 20 + np.array(_TAKEN) // 2).all()
     assert (picture[450, 1500] == 40).all()  # no view is there
+    assert picture[10:25, 8:50].max() > 200  # a camera's name
+    assert picture[310:325, 1210:1250].max() == 40

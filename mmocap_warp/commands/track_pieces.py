@@ -24,6 +24,7 @@ from mmocap_warp.fitting.fit_config import KNOWN, FitConfig
 from mmocap_warp.jobs.engine import Advance, Death, EngineLost, Ready
 from mmocap_warp.jobs.local_engine import LocalEngine, local_devices
 from mmocap_warp.result.result import Result
+from mmocap_warp.result.verdict import PARTS_IN_DOUBT
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking import frame_loop
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -237,9 +238,9 @@ def _together(parts: list[Result], config: TrackConfig) -> Result:
     columns = {name: [part.arrays[name] for part in parts] for name in parts[0].arrays}
     arrays: dict[str, Any] = {name: np.concatenate(each, axis=1) for name, each in columns.items()}
     numbers = np.concatenate([part.frame_numbers for part in parts])
-    # Views that a part did without.
+    # Views that a part did without, and parts of the body that are in doubt there.
     own = parts[0].config | {"pieces": len(parts), "threads": config.threads}
-    for why in ("frozen_views", "moved_views"):
+    for why in ("frozen_views", "moved_views", PARTS_IN_DOUBT):
         views: dict[str, list[int]] = {}
         for part in parts:
             for name, frames in part.config.get(why, {}).items():

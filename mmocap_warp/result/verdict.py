@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from mmocap_warp.result.pose_errors import nanmedian
 from mmocap_warp.result.result import STATUS, Result
 
+PARTS_IN_DOUBT = "parts_in_doubt"  # where a configuration has frames of parts, of a tracker without deviations
 _MAX_SHIFT = 0.015  # metres by which a view may lie beside a person. Sound recordings have up to .007
 _WRONG_SHIFT = 0.035  # metres from which nothing is trusted: a camera that is off by 1 degree has .05
 _FEW_VIEWS = 3  # up to which any disagreement is too much: the body gives way to a camera that is far off
@@ -51,6 +52,8 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     if result.joint_sigma is not None:
         unsure = np.linalg.norm(result.joint_sigma[best], axis=-1) > _MAX_SIGMA * size
         doubt = np.stack([unsure[:, np.equal(skeleton.part, i)].any(axis=1) for i in range(doubt.shape[1])], axis=1)
+    for part, frames in result.config.get(PARTS_IN_DOUBT, {}).items():
+        doubt[:, skeleton.parts.index(part)] |= np.isin(numbers, frames)
     good = np.isin(status, ("tracked", "rescued")) | ((status == "partial") & ~doubt.any(axis=1))
     good &= doubt.mean(axis=1) <= _MOST_IN_DOUBT
     good &= np.isfinite(result.iou[best]).sum(axis=1) >= _MIN_VIEWS

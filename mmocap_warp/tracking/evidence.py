@@ -12,10 +12,13 @@ import numpy as np
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.contour.frame.fitter import WIDE
 from mmocap_warp.contour.frame.rooted import Neighbours, Rooting
+from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.result.verdict import PARTS_IN_DOUBT
 from mmocap_warp.tracking.from_settings import make_fitter, search_limits
 from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.uncovered import UncoveredArea, look_interval, parts_in_doubt
 
 _FRAMES = 8  # frames that are looked at together
 _NO_OVERLAP = 0.1  # overlap up to which outlines do not meet: such a view is off by the whole reach
@@ -23,7 +26,10 @@ _NEGLIGIBLE = 1e-6  # information about a shift [1/px^2]: a view with less shows
 
 
 def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Observation]) -> Result:
-    """The result with its ``view_shift``, from the masks that it was tracked from."""
+    """The result with its ``view_shift``, from the masks that it was tracked from.
+
+    Where it has no deviations, parts of the body near mask area that nothing explains are in doubt.
+    """
     body, rig = result.subject.body, result.cameras
     fitter = make_fitter(result.subject, rig, config, _FRAMES, frames=_FRAMES, lens=True, matching=WIDE)
     rooting = Rooting(body.skeleton, result.subject.root_base, fitter.index, search_limits(result.subject, config))
@@ -33,10 +39,15 @@ def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Ob
     px = rig.K[:, 0, 0] / np.maximum(depth, 0.1)
     centre = slice(len(fitter.index) + 1, len(fitter.index) + 3)  # the columns of a view's principal point
     shift, stream, first = np.zeros(result.iou.shape), iter(observations), 0
+    looks = UncoveredArea(result.subject, rig, resolve_device(config.device)) if result.joint_sigma is None else None
+    looked, areas = range(0, len(result.frame_numbers), look_interval(result.rate, final=True)), []
     while some := list(islice(stream, _FRAMES)):
         fitter.observe_all(some)
         frames = np.arange(first, first + len(some))
         first += len(some)
+        for frame, seen in zip(frames.tolist(), some, strict=True):
+            if looks and frame in looked:
+                areas.append([each.area for each in looks.of(result.pose[:, frame], seen)])
         for run, course in enumerate(courses):
             neighbours = Neighbours.of(course, frames, result.rate)
             views = fitter.linearise_views(frames - frames[0], course[frames], neighbours)
@@ -46,7 +57,21 @@ def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Ob
     reach = WIDE.reach * body.relative_size
     shift = np.where(result.iou < _NO_OVERLAP, reach, np.minimum(shift, reach))
     shift[result.status == STATUS.index("repeated")] = np.nan  # their masks are of another time
-    return replace(result, view_shift=shift)
+    judged = _with_doubts(result, np.array(looked), np.array(areas)) if looks else result
+    return replace(judged, view_shift=shift)
+
+
+def _with_doubts(result: Result, looked: np.ndarray, area: np.ndarray) -> Result:
+    """The result, whose frames are ``partial`` where area (look, run, part) [m^2] puts a part of the body in doubt."""
+    skeleton, size = result.subject.body.skeleton, result.subject.body.relative_size
+    given = size, result.rate, looked
+    runs = [parts_in_doubt(*given, of_run, len(result.frame_numbers), may_lack=False) for of_run in area.swapaxes(0, 1)]
+    doubt, good = np.array(runs), [STATUS.index(name) for name in ("tracked", "rescued")]
+    status = np.where(doubt.any(axis=2) & np.isin(result.status, good), STATUS.index("partial"), result.status)
+    best = dict(zip(skeleton.parts, doubt[result.best_run].T, strict=True))
+    named = {part: result.frame_numbers[there].tolist() for part, there in best.items() if there.any()}
+    own = result.config | ({PARTS_IN_DOUBT: named} if named else {})
+    return replace(result, status=status.astype(result.status.dtype), config=own)
 
 
 def _shift(matrix: np.ndarray, pull: np.ndarray, by_place: np.ndarray) -> np.ndarray:

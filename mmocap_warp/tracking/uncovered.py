@@ -157,11 +157,14 @@ class UncoveredArea:
         self._answers.fetch(self._cameras)
 
 
-def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarray, frames: int) -> np.ndarray:
+def parts_in_doubt(
+    size: float, rate: float, looked: np.ndarray, area: np.ndarray, frames: int, *, may_lack: bool = True
+) -> np.ndarray:
     """(frame, part) bool: parts near mask area that nothing explains, for a moment in plenty or for a while.
 
     The area (look, part) [m^2] was uncovered in the frames ``looked`` at, their positions (look,) ascending. ``size``
-    is the body's as a share of a person's, and ``rate`` in frames a second.
+    is the body's as a share of a person's, and ``rate`` in frames a second. What nearly all looks show is no
+    doubt if the body ``may_lack`` something.
     """
     # More area than usual, at once, in two looks in a row, or for some time.
     usual = np.minimum(np.quantile(area, _USUAL_SHARE, axis=0), LARGEST_USUAL_AREA * size**2)
@@ -173,7 +176,7 @@ def parts_in_doubt(size: float, rate: float, looked: np.ndarray, area: np.ndarra
     around = [slice(*ends) for ends in zip(first, last, strict=True)]
     lasting = np.array([np.median(total[looks]) for looks in around])
     doubtful = stands_out(size, total, repeated, lasting, _FINAL_LASTING_AREA)
-    if is_usual((total > LASTING_AREA * size**2).sum(), len(looked)):
+    if may_lack and is_usual((total > LASTING_AREA * size**2).sum(), len(looked)):
         return np.zeros((frames, area.shape[1]), bool)
     # It is put down to the parts that most of it is near, over the looks around.
     near = np.stack([excess[looks].sum(axis=0) for looks in around])

@@ -55,6 +55,24 @@ def test_nothing_speaks_against_the_truth():
     assert verdict(result)["trusted"] == FRAMES
 
 
+def test_a_limb_that_is_elsewhere_is_in_doubt_where_a_tracker_has_no_deviations():
+    """The paper's trackers call all frames tracked."""
+    poses = swinging()[0].copy()
+    joint = SKELETON.index("LShoulder")
+    poses[6:12, 3 * joint + 3 : 3 * joint + 6] += 1.2
+    result = judged(tracked(poses=np.clip(poses, *SKELETON.coordinate_limits.T)))
+    parts = result.config["parts_in_doubt"]  # those that are near what nothing covers
+    assert parts
+    assert all({*range(6, 12)} <= {*frames} for frames in parts.values())
+    said = verdict(result)
+    assert said["trusted"] <= FRAMES - 6
+    assert said["parts"] == parts
+    assert not said["holds"]
+    # Of a smoothed track its deviations say so.
+    smoothed = replace(tracked(poses=poses), joint_sigma=np.zeros((1, FRAMES, len(SKELETON.joints), 3)))
+    assert "parts_in_doubt" not in judged(smoothed).config
+
+
 def test_a_view_that_is_off_is_measured_though_limbs_are_hidden_in_others():
     K = RIG.K.copy()
     K[1, 0, 2] += 5

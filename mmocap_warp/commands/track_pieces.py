@@ -21,10 +21,10 @@ from mmocap_warp.device.cores import available_threads
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
 from mmocap_warp.fitting.fit_config import KNOWN, FitConfig
-from mmocap_warp.jobs.engine import Advance, Death, EngineLost, Ready
+from mmocap_warp.jobs.engine import Advance, Death, EngineLost
 from mmocap_warp.jobs.local_engine import LocalEngine, local_devices
 from mmocap_warp.result.result import Result
-from mmocap_warp.result.verdict import PARTS_IN_DOUBT
+from mmocap_warp.result.verdict import PARTS_IN_DOUBT, frames_by_name, frames_marked
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking import frame_loop
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -48,12 +48,12 @@ class Piece:
     checkpoint: Path | None
     resumption: dict[str, Any]
 
-    def tracked(self, config: TrackConfig, progress: Callable[[int], None]) -> Result:
-        """The piece, tracked with these settings; an InputError if its first frame shows nobody.
+    def tracked(self, progress: Callable[[int], None]) -> Result:
+        """The piece, tracked; an InputError if its first frame shows nobody.
 
         ``progress`` is called with frames that are done: smoothing is half of the work.
         """
-        piece, frames = self, [0, 0]
+        piece, config, frames = self, self.config, [0, 0]
 
         def report(stage: int, done: int) -> None:
             frames[stage] = done
@@ -92,9 +92,9 @@ class PieceWorker:
 
     def work(self, job: Piece) -> Iterator[Advance | Result | None]:
         """Track it: yields now and then how far that is, and last the result; None where that was not possible."""
-        config, done = replace(job.config, device=self.device, threads=self._threads), [0]
+        here, done = replace(job.config, device=self.device, threads=self._threads), [0]
         with ThreadPoolExecutor(1) as pool:
-            tracked = pool.submit(job.tracked, config, done.append)
+            tracked = pool.submit(replace(job, config=here).tracked, done.append)
             while not wait([tracked], timeout=0.5).done:
                 yield Advance("track", done[-1], job.scene.frame_count, 0)
         try:
@@ -163,7 +163,7 @@ def _tracked_here(piece: Piece, reporter: Reporter) -> Result:
     """A piece, tracked by this process; an InputError says why it cannot be."""
     total = piece.scene.frame_count
     with reporter.stage("track again") as progress:
-        return piece.tracked(piece.config, lambda done: progress(done, total))
+        return piece.tracked(lambda done: progress(done, total))
 
 
 def _side_by_side(pieces: list[Piece], progress: Callable[[int], None]) -> dict[int, Result | None]:
@@ -171,21 +171,23 @@ def _side_by_side(pieces: list[Piece], progress: Callable[[int], None]) -> dict[
     threads = pieces[0].config.threads or available_threads()
     count = min(len(pieces), threads)
     places = [*islice(cycle(local_devices(pieces[0].config.device)), count)]
-    waiting, doing, deaths = deque(range(len(pieces))), dict[int, int](), Counter[int]()
+    waiting, doing, deaths = deque(range(len(pieces))), dict[int, int](), Counter[int | None]()
     done, results = Counter[int](), dict[int, Result | None]()
     with suppress(EngineLost), closing(LocalEngine(PieceWorker, places, threads // count)) as engine:
         while waiting or doing:
             for worker, event in engine.events(1.0):
                 if isinstance(event, Advance):
                     done[doing[worker]] = event.done
-                elif not isinstance(event, Ready) and worker in doing:
-                    number = doing.pop(worker)
-                    deaths[number] += isinstance(event, Death)
-                    if not isinstance(event, Death):
-                        results[number], done[number] = event, pieces[number].scene.frame_count
-                    elif deaths[number] < _DEATHS:
+                    continue
+                number = doing.pop(worker, None)  # none of a worker that has started, or waited
+                if isinstance(event, Death):
+                    deaths[number] += 1
+                    if number is not None and deaths[number] < _DEATHS:
                         waiting.appendleft(number)
-                if waiting and worker not in doing and not isinstance(event, Death):
+                    continue
+                if number is not None:
+                    results[number], done[number] = event, pieces[number].scene.frame_count
+                if waiting:
                     doing[worker] = waiting.popleft()
                     engine.submit(worker, pieces[doing[worker]])
             progress(done.total())
@@ -238,13 +240,12 @@ def _together(parts: list[Result], config: TrackConfig) -> Result:
     columns = {name: [part.arrays[name] for part in parts] for name in parts[0].arrays}
     arrays: dict[str, Any] = {name: np.concatenate(each, axis=1) for name, each in columns.items()}
     numbers = np.concatenate([part.frame_numbers for part in parts])
-    # Views that a part did without, and parts of the body that are in doubt there.
-    own = parts[0].config | {"pieces": len(parts), "threads": config.threads}
-    for why in ("frozen_views", "moved_views", PARTS_IN_DOUBT):
-        views: dict[str, list[int]] = {}
-        for part in parts:
-            for name, frames in part.config.get(why, {}).items():
-                views.setdefault(name, []).extend(sorted({*frames} & {*part.frame_numbers.tolist()}))
-        own |= {why: views} if views else {}
     seconds = sum(part.seconds for part in parts)
-    return replace(parts[0], frame_numbers=numbers, config=own, seconds=seconds, **arrays)
+    whole = replace(parts[0], frame_numbers=numbers, seconds=seconds, **arrays)
+    own = whole.config | {"pieces": len(parts), "threads": config.threads}
+    # Views that a part did without, and parts of the body that are in doubt there.
+    body_parts = whole.subject.body.skeleton.parts
+    for why, names in (("frozen_views", None), ("moved_views", None), (PARTS_IN_DOUBT, body_parts)):
+        if any(why in part.config for part in parts):
+            own[why] = frames_by_name(whole, np.concatenate([frames_marked(part, why, names) for part in parts]), names)
+    return replace(whole, config=own)

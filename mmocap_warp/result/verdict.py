@@ -52,8 +52,7 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     if result.joint_sigma is not None:
         unsure = np.linalg.norm(result.joint_sigma[best], axis=-1) > _MAX_SIGMA * size
         doubt = np.stack([unsure[:, np.equal(skeleton.part, i)].any(axis=1) for i in range(doubt.shape[1])], axis=1)
-    for part, frames in result.config.get(PARTS_IN_DOUBT, {}).items():
-        doubt[:, skeleton.parts.index(part)] |= np.isin(numbers, frames)
+    doubt |= frames_marked(result, PARTS_IN_DOUBT, skeleton.parts)
     good = np.isin(status, ("tracked", "rescued")) | ((status == "partial") & ~doubt.any(axis=1))
     good &= doubt.mean(axis=1) <= _MOST_IN_DOUBT
     good &= np.isfinite(result.iou[best]).sum(axis=1) >= _MIN_VIEWS
@@ -69,16 +68,16 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
             cameras = {result.cameras.names[k]: 1000 * float(middle[k]) for k in worst}
             held &= bool(np.mean(middle[middle > 0] <= _MAX_SHIFT * size) >= _HOLDING_SHARE)
     off = max(cameras.values(), default=0.0) > 1000 * (_WRONG_SHIFT if held else _MAX_SHIFT) * size
-    frozen, left_out = (views_by_name(result, views_left_out(result, why)) for why in ("frozen_views", "moved_views"))
+    frozen, left_out = (frames_by_name(result, frames_marked(result, why)) for why in ("frozen_views", "moved_views"))
     fitted = result.subject.provenance
     undecided = fitted.get("fit.alternative") if fitted.get("fit.decided") == "no" else None
     problem, repeated = result.config.get("trusted_cameras"), int((status == "repeated").sum())
     values: dict[str, Any] = {
         "frames": len(status) - repeated,
         "trusted": 0 if off or problem or undecided else int(good.sum()),
-        "parts": {name: numbers[doubt[:, i]].tolist() for i, name in enumerate(skeleton.parts) if doubt[:, i].any()},
+        "parts": frames_by_name(result, doubt, skeleton.parts),
         "cameras": cameras,
-        "moved": views_by_name(result, moved) | left_out,
+        "moved": frames_by_name(result, moved) | left_out,
         "repeated": repeated,
         "frozen": frozen,
         "problem": problem,
@@ -114,16 +113,17 @@ def views_beside(result: Result) -> np.ndarray:
     return moved
 
 
-def views_by_name(result: Result, where: np.ndarray) -> dict[str, list[int]]:
-    """Numbers of the frames in which a camera is marked, (frame, camera) bool, by name."""
-    marked = {name: result.frame_numbers[where[:, k]].tolist() for k, name in enumerate(result.cameras.names)}
+def frames_by_name(result: Result, where: np.ndarray, names: Sequence[str] | None = None) -> dict[str, list[int]]:
+    """Numbers of the frames in which a camera, or another of ``names``, is marked, (frame, name) bool, by name."""
+    names = result.cameras.names if names is None else names
+    marked = {name: result.frame_numbers[where[:, k]].tolist() for k, name in enumerate(names)}
     return {name: numbers for name, numbers in marked.items() if numbers}
 
 
-def views_left_out(result: Result, why: str) -> np.ndarray:
-    """(frame, camera) bool: where the track did without a view, for a reason that its configuration has."""
-    views = result.config.get(why, {})
-    return np.stack([np.isin(result.frame_numbers, views.get(name, [])) for name in result.cameras.names], axis=1)
+def frames_marked(result: Result, why: str, names: Sequence[str] | None = None) -> np.ndarray:
+    """(frame, name) bool: the frames that its configuration has for a reason, by camera or others of ``names``."""
+    frames, names = result.config.get(why, {}), result.cameras.names if names is None else names
+    return np.stack([np.isin(result.frame_numbers, frames.get(name, [])) for name in names], axis=1)
 
 
 def _next_step(cameras_disagree: bool, beside: list[int], holds: bool, scene: Path | None) -> str | None:

@@ -15,7 +15,7 @@ from mmocap_warp.contour.frame.rooted import Neighbours, Rooting
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.result.verdict import PARTS_IN_DOUBT
+from mmocap_warp.result.verdict import PARTS_IN_DOUBT, frames_by_name
 from mmocap_warp.tracking.from_settings import make_fitter, search_limits
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.uncovered import UncoveredArea, look_interval, parts_in_doubt
@@ -68,10 +68,8 @@ def _with_doubts(result: Result, looked: np.ndarray, area: np.ndarray) -> Result
     runs = [parts_in_doubt(*given, of_run, len(result.frame_numbers), may_lack=False) for of_run in area.swapaxes(0, 1)]
     doubt, good = np.array(runs), [STATUS.index(name) for name in ("tracked", "rescued")]
     status = np.where(doubt.any(axis=2) & np.isin(result.status, good), STATUS.index("partial"), result.status)
-    best = dict(zip(skeleton.parts, doubt[result.best_run].T, strict=True))
-    named = {part: result.frame_numbers[there].tolist() for part, there in best.items() if there.any()}
-    own = result.config | ({PARTS_IN_DOUBT: named} if named else {})
-    return replace(result, status=status.astype(result.status.dtype), config=own)
+    named = frames_by_name(result, doubt[result.best_run], skeleton.parts)
+    return replace(result, status=status.astype(result.status.dtype), config=result.config | {PARTS_IN_DOUBT: named})
 
 
 def _shift(matrix: np.ndarray, pull: np.ndarray, by_place: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.masks.repeats import frozen_views, repeated_views
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
-from mmocap_warp.result.verdict import views_beside, views_by_name
+from mmocap_warp.result.verdict import frames_by_name, views_beside
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.frame_choice import read_ahead
 from mmocap_warp.tracking.body_masks import body_silhouettes, tracked_observations
@@ -246,7 +246,7 @@ def _finished(
     def track_without(views: np.ndarray, why: str) -> Result:
         tracked = start_again(partial(masks_without, frozen | views))
         begun = collect(result.subject, result.cameras, result.fps, config, tracked)
-        own, seconds = result.config | {why: views_by_name(result, views)}, result.seconds + begun.seconds
+        own, seconds = result.config | {why: frames_by_name(result, views)}, result.seconds + begun.seconds
         return replace(begun, frame_numbers=result.frame_numbers, config=own, seconds=seconds)
 
     def finish(raw: Result, left_out: np.ndarray, whole: SmoothingBeside | SmoothingElsewhere | None = None) -> Result:

@@ -22,7 +22,7 @@ from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.result.verdict import views_left_out
+from mmocap_warp.result.verdict import frames_marked
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_observations
 from mmocap_warp.tracking.evidence import with_evidence
@@ -119,7 +119,7 @@ def _observations(scene: Scene, result: Result, first: int, last: int) -> list[O
     begin = max(0, first - ceil(HOLE_SECONDS * result.rate))  # a hole may be open at the first
     seen = tracked_observations(scene, result, range(begin, last))
     seen = with_hidden(seen, result.subject, result.cameras, result.rate, lambda i: result.pose[:, begin + i - 1])
-    left_out = views_left_out(result, "frozen_views") | views_left_out(result, "moved_views")
+    left_out = frames_marked(result, "frozen_views") | frames_marked(result, "moved_views")
     shown = zip(islice(seen, first - begin, None), left_out[first:last], strict=True)
     return [each.without(views) for each, views in shown]
 

@@ -46,6 +46,9 @@ _MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
 _SHORT_OVERLAP, _SHORT_EXPOSED = 0.012, 0.12  # overlap below the usual, and exposed outline [m], that call for recovery
 _LOST_OVERLAP, _LOST_EXPOSED = 0.06, 0.5  # the same, where the frame is lost
 _LOST_FRAMES = 3  # frames in a row that are lost before the tracker starts anew
+_CLEAR_FALL = 0.025  # overlap below the usual that calls for recovery by itself; a fault of one mask costs less
+_SHORT_UNCOVERED = 0.001  # uncovered area above the usual that calls for it too [m^2], in a body as large as a person
+_LEAST_VIEWS = 5  # with fewer views too little is uncovered or exposed to tell a lost limb from a fault
 _LEAST_GAIN = 0.001  # overlap by which a later answer must be better
 _STILL_UNCOVERED = 0.5  # a limb is found where less than this share of the area above the usual is left
 _COMPARED = 6  # poses with such limbs whose uncovered area is compared
@@ -143,6 +146,7 @@ class ContourTracker:
             answer = self._best(_STARTS, observation)
             if self.search_interval == 1:
                 climbing = self._falls_short(answer) & (~self._state.climbed_in_vain | self._is_lost(answer))
+                climbing &= self._shows_where(answer, climbing, observation)
             else:  # live, where a climb delays the frames after it
                 due = self._state.frame_count % self.search_interval == 0
                 climbing = due & self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
@@ -170,6 +174,19 @@ class ContourTracker:
     ) -> np.ndarray:
         """(run,) bool: see :meth:`ContourState.falls_short`; ``exposed`` is at a body as large as a person [m]."""
         return self._state.falls_short(answer, fall, exposed * self._subject.body.relative_size)
+
+    def _shows_where(self, answer: Candidates, short: np.ndarray, observation: Observation) -> np.ndarray:
+        """(run,) bool: whether the runs that are ``short`` (run,) have more than the small fall of a mask's fault.
+
+        That is a clear fall, an outline where nobody is seen, or mask area that the body does not cover.
+        """
+        state, clear = self._state, self._falls_short(answer, _CLEAR_FALL)
+        clear = clear | ~state.level_known | (len(observation.foreground) < _LEAST_VIEWS)
+        size = self._subject.body.relative_size**2
+        for run in np.flatnonzero(short & ~clear):
+            area = np.stack([look.area for look in self._uncovered.of(answer.pose[run : run + 1], observation)])
+            clear[run] = state.excess(area, LARGEST_USUAL_AREA * size)[run].sum() > _SHORT_UNCOVERED * size
+        return clear
 
     def _is_lost(self, answer: Candidates) -> np.ndarray:
         """(run,) bool: whether an answer is too far from the masks to be a pose of the body, whoever else is seen."""

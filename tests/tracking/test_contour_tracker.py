@@ -100,6 +100,25 @@ def test_after_a_climb_in_vain_a_frame_does_without_but_not_where_the_body_is_lo
     assert all(made.step(seen()).evaluations for _ in range(3))
 
 
+@pytest.mark.parametrize(
+    ("cameras", "fall", "pose", "searched"),
+    [(5, 0.018, (), False), (4, 0.018, (), True), (5, 0.03, (), True), (5, 0.018, ((ELBOW + 1, -0.7),), True)],
+    ids=["a fault of a mask", "few views", "a clear fall", "mask that is not covered"],
+)
+def test_a_small_fall_is_searched_where_more_shows_that_a_limb_is_elsewhere(monkeypatch, cameras, fall, pose, searched):
+    rig = ring_rig(cameras=cameras, size=(160, 120))
+    observation = Observation.from_masks(list(perfect_masks(SUBJECT, rig, SUBJECT.pose)))
+    made = ContourTracker(SUBJECT, rig, CONFIG, FPS)
+    for _ in range(2):  # the second frame rests after the climb of the first
+        made.step(observation)
+    posed = moved(pose)[None].astype(np.float32)
+    monkeypatch.setattr(made, "_best", lambda count, seen, best=made._best: replace(best(count, seen), pose=posed))
+    overlap = made._best(1, observation).overlap
+    levels = np.full_like(made._state.overlap_levels, overlap + fall)
+    made._state = replace(made._state, overlap_levels=levels, uncovered_levels=made._state.uncovered_levels * 0)
+    assert (made.step(observation).evaluations > 0) == searched
+
+
 def test_a_limb_that_the_search_does_not_find_is_scattered(monkeypatch):
     answer = tracker(monkeypatch).step(seen(LOWERED))
     assert status(answer) == "rescued"

@@ -41,6 +41,7 @@ _RECALL_INTERVAL = 0.1  # seconds between the frames in which limbs are recalled
 _RECALLS_A_LONGER_LOOK = 5  # every so many-th of these frames tries the other side's poses and pairs from rest
 _MEMORY_INTERVAL = 0.25  # seconds between the frames that limbs are recalled from
 _BEST_RECALLED = 6  # recalled limbs that are fitted: those whose areas cost least
+_LARGEST_AREA_RATIO = 1.2  # a recalled limb is fitted if its areas cost at most so many times what those there do
 _LARGEST_COST_RATIO = 0.95  # a pose replaces another one if its cost is at most this share
 _UNCOVERED_COST = 0.15  # share that an uncovered area which makes a limb doubtful adds to what a pose costs
 _NO_AREA = 1e-6  # an area that is as good as none
@@ -66,7 +67,9 @@ class BackwardPass:
     mirrored: Callable[[np.ndarray], np.ndarray] | None = None  # a pose (coordinate,) with left and right exchanged
     uncovered: UncoveredMask | None = None  # tells of limbs that masks show and the body does not; None to do without
 
-    def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
+    def revised(
+        self, frames: np.ndarray, known: RootedPoses, held: RootedPoses, contour: NormalEquations
+    ) -> RootedPoses:
         """For each frame the pose known, the one found on the way back, or a bridge over leaps: what costs least.
 
         Only a different answer counts, in which a joint is elsewhere, and only in a stretch of frames that gains more
@@ -76,8 +79,10 @@ class BackwardPass:
             frames: consecutive frames by their numbers.
             known: their poses.
             held: final poses of the frames before.
+            contour: what the contours say around the poses of the first frames.
         """
-        contour = self.linearise(frames, known)
+        if beyond := len(frames) - len(contour.cost):
+            contour = contour.followed_by(self.linearise(frames[-beyond:], known[-beyond:]))
         seen = contour.observed
         if not seen.any():
             return known
@@ -249,9 +254,10 @@ class BackwardPass:
             moved.pose[:, moving] = memory[:, moving]
             starts.append(moved)
             areas.append(self.areas(at, moved, moving))
-        recalled = starts[0].followed_by(*starts[1:])
-        cost = np.where(self._differ(recalled, there), np.concatenate(areas), np.inf)
-        return self._better(frame, there, recalled[np.argsort(cost, kind="stable")[:_BEST_RECALLED]])
+        recalled, cost = starts[0].followed_by(*starts[1:]), np.concatenate(areas)
+        near = self._differ(recalled, there) & (cost <= _LARGEST_AREA_RATIO * self.areas(at[:1], there, None))
+        best = np.argsort(np.where(near, cost, np.inf), kind="stable")[: min(_BEST_RECALLED, near.sum())]
+        return self._better(frame, there, recalled[best]) if len(best) else None
 
     def _followed_ahead(self, frames: np.ndarray, way: RootedPoses, f: int, seen: np.ndarray) -> RootedPoses:
         """The way with poses found forwards from frame ``f``, where a limb was recalled, while they clearly cost less.

@@ -86,7 +86,7 @@ class ClipProblem:
                 ready(beyond)
                 rooted = rooted.followed_by(course[first + len(rooted) : beyond])
                 known = solved.followed_by(rooted[count:])
-                revised = self.backward.revised(np.arange(first, beyond), known, held)
+                revised = self.backward.revised(np.arange(first, beyond), known, held, contour)
                 if revised is not known:
                     rooted = revised
                     solved, contour = self.solved_together(frames, rooted[:count], held, passes)

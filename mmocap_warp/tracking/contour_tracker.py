@@ -180,8 +180,8 @@ class ContourTracker:
 
         That is a clear fall, an outline where nobody is seen, or mask area that the body does not cover.
         """
-        state, clear = self._state, self._falls_short(answer, _CLEAR_FALL)
-        clear = clear | ~state.level_known | (len(observation.foreground) < _LEAST_VIEWS)
+        state, few_views = self._state, len(observation.foreground) < _LEAST_VIEWS
+        clear = np.asarray(self._falls_short(answer, _CLEAR_FALL) | ~state.level_known | few_views)
         size = self._subject.body.relative_size**2
         for run in np.flatnonzero(short & ~clear):
             area = np.stack([look.area for look in self._uncovered.of(answer.pose[run : run + 1], observation)])

@@ -6,12 +6,15 @@ A pose is a compromise between views that disagree, so each view is asked by its
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
+from mmocap_warp.body.model import Subject
 from mmocap_warp.body.skeleton import TRANSLATION
-from mmocap_warp.contour.frame.fitter import WIDE
-from mmocap_warp.contour.frame.rooted import Neighbours, Rooting
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter
+from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
@@ -20,45 +23,66 @@ from mmocap_warp.tracking.from_settings import make_fitter, search_limits
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.uncovered import UncoveredArea, look_interval, parts_in_doubt
 
-_FRAMES = 8  # frames that are looked at together
+FRAMES_TOGETHER = 8  # frames that are looked at together
 _NO_OVERLAP = 0.1  # overlap up to which outlines do not meet: such a view is off by the whole reach
 _NEGLIGIBLE = 1e-6  # information about a shift [1/px^2]: a view with less shows nothing
 
 
-def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Observation]) -> Result:
-    """The result with its ``view_shift``, from the masks that it was tracked from.
+class ViewShifts:
+    """Measures how far the masks of each view lie beside posed bodies.
 
-    Where it has no deviations, parts of the body near mask area that nothing explains are in doubt.
+    Attributes:
+        fitter: what compares outlines with masks; with those of another fitter, if it is made ``like`` that.
     """
-    body, rig = result.subject.body, result.cameras
-    fitter = make_fitter(result.subject, rig, config, _FRAMES, frames=_FRAMES, lens=True, matching=WIDE)
-    rooting = Rooting(body.skeleton, result.subject.root_base, fitter.index, search_limits(result.subject, config))
+
+    def __init__(
+        self, subject: Subject, rig: CameraRig, config: TrackConfig, like: ContourFitter | None = None
+    ) -> None:
+        wide: dict[str, Any] = {"frames": FRAMES_TOGETHER, "lens": True, "matching": WIDE, "like": like}
+        self.fitter, self._rig = make_fitter(subject, rig, config, FRAMES_TOGETHER, **wide), rig
+        self._reach = WIDE.reach * subject.body.relative_size
+
+    def of(self, places: np.ndarray, rooted: RootedPoses, root: np.ndarray, neighbours: Neighbours) -> np.ndarray:
+        """(pose, camera) shifts [m] of the frames in places (pose,), of bodies whose ``root`` is at (pose, 3)."""
+        rig, first = self._rig, len(self.fitter.index) + 1
+        views = self.fitter.linearise_views(places, rooted, neighbours)
+        # A metre at the root has so many pixels in a view.
+        px = rig.K[:, 0, 0] / np.maximum(root @ rig.R[:, 2].T + rig.t[:, 2], 0.1)
+        centre = slice(first, first + 2)  # the columns of a view's principal point
+        by_place = px[..., None, None] * rig.R[:, :2]
+        return np.asarray(_shift(views.matrix[..., centre, centre], views.gradient[..., centre], by_place) / px)
+
+    def limited(self, shift: np.ndarray, iou: np.ndarray, status: np.ndarray) -> np.ndarray:
+        """Shifts (run, frame, camera) as a result has them, with overlaps and statuses."""
+        shift = np.where(iou < _NO_OVERLAP, self._reach, np.minimum(shift, self._reach))
+        shift[status == STATUS.index("repeated")] = np.nan  # their masks are of another time
+        return shift
+
+
+def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Observation]) -> Result:
+    """A result that is not smoothed, with its ``view_shift`` and doubts, from the masks that it was tracked from.
+
+    It has no deviations: parts of the body near mask area that nothing explains are in doubt.
+    """
+    subject, rig = result.subject, result.cameras
+    shifts = ViewShifts(subject, rig, config)
+    rooting = Rooting(subject.body.skeleton, subject.root_base, shifts.fitter.index, search_limits(subject, config))
     courses = [rooting.refold(rooting.enter(pose)) for pose in result.pose]
-    # A metre at the root has so many pixels in a view.
-    depth = result.pose[..., :TRANSLATION] @ rig.R[:, 2].T + rig.t[:, 2]
-    px = rig.K[:, 0, 0] / np.maximum(depth, 0.1)
-    centre = slice(len(fitter.index) + 1, len(fitter.index) + 3)  # the columns of a view's principal point
     shift, stream, first = np.zeros(result.iou.shape), iter(observations), 0
-    looks = UncoveredArea(result.subject, rig, resolve_device(config.device)) if result.joint_sigma is None else None
+    looks = UncoveredArea(subject, rig, resolve_device(config.device))
     looked, areas = range(0, len(result.frame_numbers), look_interval(result.rate, final=True)), []
-    while some := list(islice(stream, _FRAMES)):
-        fitter.observe_all(some)
+    while some := list(islice(stream, FRAMES_TOGETHER)):
+        shifts.fitter.observe_all(some)
         frames = np.arange(first, first + len(some))
         first += len(some)
         for frame, seen in zip(frames.tolist(), some, strict=True):
-            if looks and frame in looked:
+            if frame in looked:
                 areas.append([each.area for each in looks.of(result.pose[:, frame], seen)])
         for run, course in enumerate(courses):
-            neighbours = Neighbours.of(course, frames, result.rate)
-            views = fitter.linearise_views(frames - frames[0], course[frames], neighbours)
-            by_place = px[run, frames][..., None, None] * rig.R[:, :2]
-            moved = _shift(views.matrix[..., centre, centre], views.gradient[..., centre], by_place)
-            shift[run, frames] = moved / px[run, frames]
-    reach = WIDE.reach * body.relative_size
-    shift = np.where(result.iou < _NO_OVERLAP, reach, np.minimum(shift, reach))
-    shift[result.status == STATUS.index("repeated")] = np.nan  # their masks are of another time
-    judged = _with_doubts(result, np.array(looked), np.array(areas)) if looks else result
-    return replace(judged, view_shift=shift)
+            root, neighbours = result.pose[run, frames, :TRANSLATION], Neighbours.of(course, frames, result.rate)
+            shift[run, frames] = shifts.of(frames - frames[0], course[frames], root, neighbours)
+    judged = _with_doubts(result, np.array(looked), np.array(areas))
+    return replace(judged, view_shift=shifts.limited(shift, result.iou, result.status))
 
 
 def _with_doubts(result: Result, looked: np.ndarray, area: np.ndarray) -> Result:

@@ -244,6 +244,7 @@ def _finished(
         return (each.without(views) for each, views in zip(seen, left_out, strict=True)) if left_out.any() else seen
 
     def track_without(views: np.ndarray, why: str) -> Result:
+        gc.collect()  # what smoothed a track holds itself, and with it the fields of a window
         tracked = start_again(partial(masks_without, frozen | views))
         begun = collect(result.subject, result.cameras, result.fps, config, tracked)
         own, seconds = result.config | {why: frames_by_name(result, views)}, result.seconds + begun.seconds
@@ -252,10 +253,9 @@ def _finished(
     def finish(raw: Result, left_out: np.ndarray, whole: SmoothingBeside | SmoothingElsewhere | None = None) -> Result:
         status = np.where(at_once, STATUS.index("repeated"), raw.status).astype(raw.status.dtype)
         result, seen = replace(raw, status=status), partial(masks_without, left_out, lambda at: raw.pose[:, at - 1])
-        if config.acceleration:
-            result = (whole and whole.of(result)) or smoothed(result, config, read_ahead(seen()), progress)
-            gc.collect()  # what was smoothed holds itself, and with it the fields of a window
-        return with_evidence(result, config, read_ahead(seen()))
+        if not config.acceleration:
+            return with_evidence(result, config, read_ahead(seen()))
+        return (whole and whole.of(result)) or smoothed(result, config, read_ahead(seen()), progress)
 
     result = finish(track_without(frozen, "frozen_views") if frozen.any() else result, frozen, whole)
     moved = views_beside(result)

@@ -18,6 +18,7 @@ from mmocap_warp.contour.frame.fitter_arrays import contour_room
 from mmocap_warp.device.resolve import free_memory, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.tracking.contour_tracker import ContourTracker, starts_per_run
+from mmocap_warp.tracking.evidence import FRAMES_TOGETHER
 from mmocap_warp.tracking.limb_pairs import limb_pairs
 from mmocap_warp.tracking.pose_search import search_size
 from mmocap_warp.tracking.smoothing import CANDIDATES, frames_held
@@ -84,14 +85,15 @@ def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: floa
         tracking += starts_per_run(config) * (drawn + fitted)
     if not config.acceleration:
         return config.runs * tracking
-    # Smoothing holds distances to the masks' contours for a window of frames, and for a frame twice more. A GPU takes
-    # whole images where they are small.
+    # Smoothing holds distances to the masks' contours for a window of frames. A GPU takes whole images where they are
+    # small.
     frames = frames_held(fps)
     whole = whole_image_bytes(rig, frames)
     is_whole = not on_cpu and whole <= MOST_WHOLE
-    fields = whole + 2 * whole_image_bytes(rig, 1) if is_whole else 4 * frames * pixels * _BODY_SHARE
-    # Poses of the frames that are held, one of the body's changes, and one for each pair of limbs.
-    poses = max(STARTS, min(CANDIDATES, frames)) + 1 + len(limb_pairs(subject.body.skeleton))
+    fields = whole if is_whole else 4 * frames * pixels * _BODY_SHARE
+    # Poses of the frames that are held, one of the body's changes, one for each pair of limbs, and those whose views
+    # are asked.
+    poses = max(STARTS, min(CANDIDATES, frames)) + 1 + len(limb_pairs(subject.body.skeleton)) + FRAMES_TOGETHER
     # On a GPU, of each frame, derivatives of its points and its rows of the clip's band, factored and inverted.
     band = 0 if on_cpu else 8 * frames * dof * (12 * len(subject.body.joint_rest) + 19 * dof)
     marks = 8 * pixels  # of what the body leaves uncovered, in the tracker and beside it

@@ -25,7 +25,6 @@ from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.verdict import frames_marked
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_observations
-from mmocap_warp.tracking.evidence import with_evidence
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.holes import HOLE_SECONDS
 from mmocap_warp.tracking.loose_clothes import with_hidden
@@ -94,8 +93,6 @@ def _with_span(scene: Scene, result: Result, config: TrackConfig, pins: Pins, sp
     as_shown = np.select([shown.all(axis=1), shown.any(axis=1)], [tracked, partial], lost)
     status = np.where(free & ~repeated, as_shown, part.status).astype(np.int8)
     done = smoothed(replace(part, pose=pose, status=status), config, seen, mending=Mending(~free, within))
-    if result.view_shift is not None:
-        done = with_evidence(done, config, seen)
     usual = nanmean(result.iou, axis=2)
     low = nanmean(done.iou, axis=2) < np.nanmedian(usual, axis=1, keepdims=True) - _LOST_OVERLAP
     done = replace(done, status=np.where(low & ~repeated, lost, done.status).astype(np.int8))

@@ -26,6 +26,7 @@ from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.shipped import deviation_factors
 from mmocap_warp.tracking.contour_state import LEVEL_FRAMES
+from mmocap_warp.tracking.evidence import ViewShifts
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.holes import LEAST_WHOLE
 from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs, mirrored
@@ -83,11 +84,11 @@ def smoothed(
     started = time.perf_counter()
     masks = _MaskWindow(raw, config, observations)
     runs = [_RunSmoother(raw, config, masks, run, mending) for run in range(len(raw.pose))]
-    done, cost, iou = 0, np.empty_like(raw.cost), np.empty_like(raw.iou)
+    done, cost, iou, shift = 0, np.empty_like(raw.cost), np.empty_like(raw.iou), np.empty_like(raw.iou)
     # All runs go from window to window together, because the masks are read once.
     for windows in zip(*(run.windows for run in runs), strict=True):
-        for run, window in zip(runs, windows, strict=True):
-            run.finish(window)
+        for run, window, of_run in zip(runs, windows, shift, strict=True):
+            of_run[done : done + window.final] = run.finish(window)
         # A repeated mask is of another time: what its frame had before stays.
         final = np.arange(done, done + windows[0].final)
         cost[:, final], iou[:, final] = raw.cost[:, final], raw.iou[:, final]
@@ -107,17 +108,19 @@ def smoothed(
     in_all_views = np.isfinite(raw.iou).all(axis=2)
     status = np.where((status == _PARTIAL) & in_all_views, _TRACKED, status)
     doubtful = doubt.any(axis=2) & np.isin(status, (_TRACKED, STATUS.index("rescued")))
+    status = np.where(doubtful, _PARTIAL, status).astype(np.int8)
     seconds = time.perf_counter() - started - masks.reading
     return replace(
         raw,
         pose=np.stack([run.pose for run in runs]),
         cost=cost,
         iou=iou,
-        status=np.where(doubtful, _PARTIAL, status).astype(np.int8),
+        status=status,
         seconds=raw.seconds + seconds,
         raw_pose=raw.pose,
         angle_sigma=np.stack([run.sigma.pose for run in runs]),
         joint_sigma=np.stack([run.sigma.joint for run in runs]),
+        view_shift=masks.shifts.limited(shift, iou, status),
     )
 
 
@@ -136,18 +139,21 @@ class _MaskWindow:
         subject = raw.subject
         self.searched, self.limits = subject.body.skeleton.searched(config.dof), search_limits(subject, config)
         self._places = min(frames_held(raw.rate), len(raw.frame_numbers))
-        # One fitter for the poses of all frames held, one for the body too, one for limbs that are far from the masks.
-        candidates = max(STARTS, min(CANDIDATES, self._places))
-        self._fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
+        self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
+        # One fitter for the poses of all frames held, one for the body too, one for limbs that are far from the masks,
+        # and one for views that lie beside the body.
+        candidates = max(STARTS, len(self.pairs), min(CANDIDATES, self._places))
+        self._fitter = fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
         self.body_changes = uncertainty.body_changes(subject.body)
-        self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(self.body_changes.sigma))
+        parameters, pairs = len(self.body_changes.sigma), max(1, len(self.pairs))
+        self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=parameters, like=fitter)
+        self._wide_fitter = make_fitter(subject, raw.cameras, config, pairs, matching=WIDE, like=fitter)
+        self.shifts = ViewShifts(subject, raw.cameras, config, like=fitter)
         self._body_fitter.set_change(self.body_changes.vertex, self.body_changes.joint)
         # A GPU solves the clip's steps as well; all runs share it.
         self.points = MotionPoints(subject.body.skeleton, subject.body.joint_rest, self.searched)
         device = resolve_device(config.device)
         self.band = None if device == "cpu" else DeviceBand(self.points, self._places, device)
-        self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
-        self._wide_fitter = make_fitter(subject, raw.cameras, config, max(1, len(self.pairs)), matching=WIDE)
         self._objective = make_objective(subject, raw.cameras, config, max(candidates, len(raw.pose)))
         self._uncovered = UncoveredArea(subject, raw.cameras, resolve_device(config.device))
         self.starts = RecoveryStarts(subject, raw.cameras, config)
@@ -179,18 +185,17 @@ class _MaskWindow:
         base, pose = np.repeat(there.base, count, axis=0), np.repeat(there.pose, count, axis=0)
         for changed, pair in zip(pose, self.pairs, strict=True):
             changed[np.intersect1d(pair, self.searched)] = 0.0
-        fitter.observe(0, self._held[frame % self._places])
-        fitter.start_at(pose, base, np.zeros(count, int))
+        fitter.start_at(pose, base, np.full(count, frame % self._places))
         fitter.descend(count, _STEPS)
         return RootedPoses(base, fitter.descent.best.numpy()[:count].astype(float))
 
     def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> ViewEquations:
         """What each view's contours say about single frames of the window and about the body's parameters."""
-        each = []
-        for i, frame in enumerate(frames):
-            self._body_fitter.observe(0, self._held[frame % self._places])
-            each.append(self._body_fitter.linearise_views(np.zeros(1, int), rooted[i : i + 1]))
-        return each[0].followed_by(*each[1:])
+        return self._body_fitter.linearise_views(frames % self._places, rooted)
+
+    def shift(self, frames: np.ndarray, rooted: RootedPoses, root: np.ndarray, neighbours: Neighbours) -> np.ndarray:
+        """(frame, camera) by how far views of frames of the window lie beside bodies, with roots at (frame, 3) [m]."""
+        return self.shifts.of(frames % self._places, rooted, root, neighbours)
 
     def others(self, frame: int, pose: np.ndarray) -> np.ndarray:
         """Pixels (camera,) of a frame's masks that show others than who has a pose (coordinate,)."""
@@ -300,8 +305,8 @@ class _RunSmoother:
             known.base[new], known.pose[new] = poses.base, poses.pose
         self._taken = new.stop
 
-    def finish(self, window: SolvedWindow) -> None:
-        """Take over the next window's final frames."""
+    def finish(self, window: SolvedWindow) -> np.ndarray:
+        """Take over the next window's final frames; (frame, camera) by how far views lie beside them [m]."""
         frames = slice(self._finished, self._finished + window.final)
         before = self.pose[frames.start - 1] if frames.start else self._raw.pose[self._run, 0]
         self.pose[frames] = self._rooting.leave(window.rooted[: window.final], before[ROOT_ANGLES])
@@ -316,7 +321,9 @@ class _RunSmoother:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
             sigma.pose[:, :TRANSLATION] = sigma.joint[:, 0]  # the root's place
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
-        self._finished = frames.stop
+        final, self._finished = np.arange(frames.start, frames.stop), frames.stop
+        rooted = self._rooting.refold(self._rooting.enter(self.pose[final]))
+        return self._masks.shift(final, rooted, self.pose[final, :TRANSLATION], self._neighbours(final))
 
     def look(self, frame: int, overlap: np.ndarray) -> None:
         """Look for uncovered mask area: now and then, at the end, and where the overlap (frame, camera) falls."""

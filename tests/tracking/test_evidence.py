@@ -71,9 +71,6 @@ def test_a_limb_that_is_elsewhere_is_in_doubt_where_a_tracker_has_no_deviations(
     # What is tracked once more, without a view, is judged by itself.
     again = verdict(judged(replace(tracked(), config=result.config)))
     assert (again["trusted"], again["parts"]) == (FRAMES, {})
-    # Of a smoothed track its deviations say so.
-    smoothed = replace(tracked(poses=poses), joint_sigma=np.zeros((1, FRAMES, len(SKELETON.joints), 3)))
-    assert "parts_in_doubt" not in judged(smoothed).config
 
 
 def test_a_view_that_is_off_is_measured_though_limbs_are_hidden_in_others():

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -61,6 +62,7 @@ class ContourFitter:
         limits: (coordinate, 2) lowest and highest value of every coordinate; infinite where free.
         candidates: poses at a time.
         frames: places for frames' masks.
+        like: another fitter whose places and masks are taken instead, and which has as many ``candidates`` at least.
         parameters: of the rest body, at most; see :meth:`reshape`.
         lens: whether :meth:`linearise_views` has columns for a view's lens and the size of its masks.
         matching: settings.
@@ -77,6 +79,7 @@ class ContourFitter:
         *,
         candidates: int,
         frames: int = 1,
+        like: ContourFitter | None = None,
         parameters: int = 0,
         lens: bool = False,
         matching: MatchingConfig | None = None,
@@ -103,11 +106,13 @@ class ContourFitter:
         self._change = allocated(RestChange, device, **changed)
 
         # The masks of frames, the cameras, and how the body moves in the time by which a view is late.
-        self.fields, self._views = DistanceFields(rig, frames, candidates, device), make_views(rig, device)
-        self._late = np.zeros((frames, cameras), np.float32)
+        self.fields: DistanceFields = like.fields if like else DistanceFields(rig, frames, candidates, device)
+        self._late: np.ndarray = like._late if like else np.zeros((frames, cameras), np.float32)
+        self._views = make_views(rig, device)
         self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
         skin = dict.fromkeys(("velocity", "bend"), (candidates, vertices))
-        self._moving = allocated(Moving, device, late=self._late, frame=self.fields.struct.frame, own=0.0, **skin)
+        late = like._moving.late if like else self._late
+        self._moving: Any = allocated(Moving, device, late=late, frame=self.fields.struct.frame, own=0.0, **skin)
 
         # From outlines to residuals, rows of the Jacobian, and their sums.
         settings = asdict(matching or MatchingConfig())

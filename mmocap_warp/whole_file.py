@@ -1,12 +1,13 @@
 """Whole files: read as text, hashed, and written so that they appear complete or not at all."""
 
+import csv
 import hashlib
 import io
 import json
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,13 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write ``data`` as :func:`whole_file` says, with its errors."""
     with whole_file(path) as unfinished:
         unfinished.write_bytes(data)
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """Rows of cells as the text of a CSV file, whose lines end alike on every system."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def content_hash(file: Path) -> bytes:

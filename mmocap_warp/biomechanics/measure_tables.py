@@ -1,7 +1,5 @@
 """Measures as CSV files of every frame, heel strike, toe off and bone, and as a report of all frames together."""
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.biomechanics.measure_all import Measures, RunMeasures
 from mmocap_warp.result.result import STATUS
-from mmocap_warp.whole_file import write_whole
+from mmocap_warp.whole_file import csv_text, write_whole
 
 Row = Sequence[str | int | float]
 """Of a table; a value that is not known is NaN."""
@@ -23,9 +21,7 @@ def write_tables(folder: Path, measures: Measures) -> list[Path]:
     written = []
     for name, (head, rows) in tables(measures).items():
         if rows:
-            text = io.StringIO()
-            csv.writer(text, lineterminator="\n").writerows([head, *map(_cells, rows)])
-            write_whole(folder / f"{name}.csv", text.getvalue().encode())
+            write_whole(folder / f"{name}.csv", csv_text([head, *map(_cells, rows)]).encode())
             written.append(folder / f"{name}.csv")
     return written
 

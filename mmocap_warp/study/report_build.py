@@ -1,7 +1,5 @@
 """The report of a study: one HTML page that needs nothing but itself, and its tables as Markdown and CSV."""
 
-import csv
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from html import escape
@@ -22,7 +20,7 @@ from mmocap_warp.study.study_tables import Ranking, algorithm_rankings, model_di
 from mmocap_warp.study.summary import EQ_20, CellSummary, Measure, StudySummary, algorithm_label
 from mmocap_warp.study.wording import interval, named, p_value, shown, statistic
 from mmocap_warp.version import __version__
-from mmocap_warp.whole_file import write_whole
+from mmocap_warp.whole_file import csv_text, write_whole
 
 _HERE = "mmocap_warp.study"
 # The paper ranks by Eq. 20 and, in its text, by fitness: Markdown has these beside the main measure.
@@ -100,11 +98,7 @@ def _controls(study: StudySummary) -> Html:
 def csv_table(study: StudySummary) -> str:
     """A line per cell: mean and standard deviation over runs of each measure, and the main measure's quartiles."""
     lines = [_csv_line(cell, study.measures) for _, cell in sorted(study.cells.items())]
-    out = io.StringIO()
-    writer = csv.DictWriter(out, fieldnames=list(lines[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(lines)
-    return out.getvalue()
+    return csv_text([lines[0], *(line.values() for line in lines)])
 
 
 def markdown_tables(study: StudySummary) -> str:

@@ -7,8 +7,6 @@ angle of the pose, and ``Ball_place.Tx_m`` a shift of a joint that slides. A fun
 that cannot be written to, or a package that is not installed.
 """
 
-import csv
-import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,17 +23,16 @@ from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.errors import InputError, needs_package
 from mmocap_warp.result.excerpt import evenly
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.whole_file import whole_file, write_whole
+from mmocap_warp.whole_file import csv_text, whole_file, write_whole
 
 _MOST_C3D = 65_535  # a frame's number and the number of frames have 16 bits
 
 
 def write_csv(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write the table as text; places to 1e-6 m, angles to 1e-6 degrees."""
-    columns, text = _columns(result, joint_set), io.StringIO()
+    columns = _columns(result, joint_set)
     cells = [[f"{v:.6f}" if isinstance(v, float) else str(v) for v in column] for column in columns.values()]
-    csv.writer(text, lineterminator="\n").writerows([list(columns), *zip(*cells, strict=True)])
-    write_whole(path, text.getvalue().encode())
+    write_whole(path, csv_text([list(columns), *zip(*cells, strict=True)]).encode())
 
 
 def write_parquet(result: Result, path: Path, joint_set: JointSet | None = None) -> None:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.masks.cleanup import around, closed
+from mmocap_warp.masks.cleanup import around, closed, dilated
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
 _COARSE_SPACING = 0.10  # first grid [m]; bodies are found on it, then carved finely
@@ -95,8 +95,7 @@ def _grow_masks(rig: CameraRig, masks: list[np.ndarray], centre: np.ndarray) -> 
     for k, mask in enumerate(masks):
         depth = max(float((rig.R[k] @ centre + rig.t[k])[2]), _COARSE_SPACING)
         radius = int(np.ceil(np.sqrt(3) / 2 * _COARSE_SPACING * rig.K[k, 0, 0] / depth))
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-        grown.append(cv2.dilate(mask.view(np.uint8), kernel).view(bool))
+        grown.append(dilated(mask.view(np.uint8), 2 * radius + 1).view(bool))
     return grown
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mmocap_warp.cameras.rig import METRES
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.whole_file import read_text
 
 MOST_BYTES = 2**20
@@ -15,6 +15,15 @@ MOST_BYTES = 2**20
 def read_short_text(path: str | Path, kind: str, most: int = MOST_BYTES) -> str:
     """A file's text; ``kind`` says what it should be, for the remedy."""
     return read_text(path, f"give {kind}", missing=f"give {kind}", most=most)
+
+
+def numbers_of(words: list[str], where: object, remedy: str) -> list[float]:
+    """The finite numbers that words of a text are; an InputError with that remedy if one is none."""
+    with input_errors(where, "{error}", remedy, ValueError):
+        numbers = [float(word) for word in words]
+    if not all(map(math.isfinite, numbers)):
+        raise InputError(where, "holds a number that is not finite", remedy)
+    return numbers
 
 
 def number_of(text: object) -> float:

@@ -10,8 +10,8 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
-from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.formats.calibration.calibration_text import Sizes, read_short_text, stated_metres
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.calibration_text import Sizes, numbers_of, read_short_text, stated_metres
 from mmocap_warp.whole_file import write_whole
 
 _MAX_BYTES = 2**26  # images.txt lists the points that each image shows, too
@@ -57,10 +57,10 @@ def _read_lenses(path: Path) -> dict[str, Camera]:
         where = f"{path}: camera {number}"
         if model not in _MODELS:
             raise InputError(where, f"lens model '{model}' is not known", f"known are {', '.join(_MODELS)}")
-        names, values = _MODELS[model].split(), _numbers(parameters, where)
+        names, values = _MODELS[model].split(), numbers_of(parameters, where, _REMEDY)
         if len(values) != len(names):
             raise InputError(where, f"{model} has {len(values)} parameters, not {len(names)}", _REMEDY)
-        across, down = map(int, _numbers([width, height], where))
+        across, down = map(int, numbers_of([width, height], where, _REMEDY))
         value, fisheye = dict(zip(names, values, strict=True)), model == "OPENCV_FISHEYE"
         if model == "FULL_OPENCV" and any(value[key] for key in ("k4", "k5", "k6")):
             raise InputError(where, "k4 to k6 of FULL_OPENCV are not zero", "use OPENCV or OPENCV_FISHEYE in COLMAP")
@@ -83,7 +83,7 @@ def _read_poses(path: Path) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
         where = f"{path}: image {fields[0]}"
         if len(fields) != 10:
             raise InputError(where, f"the line has {len(fields)} values, not 10", _REMEDY)
-        pose = np.array(_numbers(fields[1:8], where))
+        pose = np.array(numbers_of(fields[1:8], where, _REMEDY))
         with np.errstate(over="ignore"):
             length = np.linalg.norm(pose[:4])
         if not 0.999 < length < 1.001:
@@ -102,14 +102,6 @@ def _lines(path: Path, points: bool = False) -> list[str]:
         if (points and len(kept) % 2 == 1) or (line.strip() and not line.lstrip().startswith("#")):
             kept.append(line)
     return kept
-
-
-def _numbers(words: list[str], where: str) -> list[float]:
-    with input_errors(where, "{error}", _REMEDY, ValueError):
-        values = [float(word) for word in words]
-    if not np.isfinite(values).all():
-        raise InputError(where, "holds a number that is not finite", _REMEDY)
-    return values
 
 
 def _camera_names(images: list[str], source: Path) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES
+from mmocap_warp.formats.calibration.calibration_text import MOST_BYTES, numbers_of
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.sandbox import sandboxed
 from mmocap_warp.formats.toml_table import quoted, visible
@@ -36,11 +36,7 @@ source = "recording"
 def read_numbers(path: str | Path) -> np.ndarray:
     """(n,) float64, all numbers of the file."""
     text = read_text(path, REMEDY, missing=REMEDY, most=MOST_BYTES, encoding="ascii")
-    with input_errors(path, "{error}", REMEDY, ValueError):
-        numbers = np.array([float(word) for word in text.split()])
-    if not np.isfinite(numbers).all():
-        raise InputError(path, "holds a number that is not finite", REMEDY)
-    return numbers
+    return np.array(numbers_of(text.split(), path, REMEDY))
 
 
 @dataclass(frozen=True)

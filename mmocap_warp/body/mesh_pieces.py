@@ -61,6 +61,15 @@ def _paired_one_by_one(start: np.ndarray, end: np.ndarray, owner: np.ndarray) ->
     return np.array(edges, np.int32).reshape(-1, 4)
 
 
+def connected(start: np.ndarray, end: np.ndarray, count: int) -> np.ndarray:
+    """(count,) the connected piece that each node is in, by edges from ``start`` to ``end``, counted as they come."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(start)), (start, end)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
 def is_closed(face: np.ndarray) -> bool:
     """Whether every edge joins exactly two of the faces (face, corner), which run along it in opposite senses."""
     edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2)

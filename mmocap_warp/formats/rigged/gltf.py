@@ -10,6 +10,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from mmocap_warp.body.mesh_pieces import connected
 from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.rigged import compressed, rigged_mesh
 from mmocap_warp.whole_file import read_bytes
@@ -211,15 +212,12 @@ def _of_one_character(
     document: _Document, skinned: list[tuple[int, dict[str, Any]]], above: list[int], named: str | None, path: Path
 ) -> list[tuple[int, dict[str, Any]]]:
     """The skinned nodes of the character that is meant: a character's joints hang on each other or share a skin."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     skins = [document.list("skins")[_index(node["skin"])]["joints"] for _, node in skinned]
     joints = {_index(joint): joint for each in skins for joint in each}
     links = [(each[0], joint) for each in skins for joint in each]
     links += [(joint, higher) for joint in joints if (higher := _nearest_above(joint, above, joints)) >= 0]
-    ends = tuple(np.array(links).T)
-    _, number = connected_components(coo_array((np.ones(len(links)), ends), (len(above), len(above))))
+    start, end = np.array(links).T
+    number = connected(start, end, len(above))
     of_character: dict[int, list[tuple[int, dict[str, Any]]]] = {}
     for each, own in zip(skinned, skins, strict=True):
         of_character.setdefault(int(number[own[0]]), []).append(each)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mmocap_warp.body.mesh_pieces import is_closed, mesh_edges
+from mmocap_warp.body.mesh_pieces import connected, is_closed, mesh_edges
 from mmocap_warp.device.resolve import start_quietly
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 
@@ -38,7 +38,7 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     order = np.argsort(first)  # the file's own order
     first, cell = first[order], np.argsort(order)[cell]
     near = cKDTree(scaled[first]).query_pairs(1.0, output_type="ndarray")
-    place = _pieces(near[:, 0], near[:, 1], len(first))[cell.ravel()]
+    place = connected(near[:, 0], near[:, 1], len(first))[cell.ravel()]
     # Triangles over the joined vertices, without those of no area and those that are there twice.
     face = place[mesh.face]
     face = face[(face[:, 0] != face[:, 1]) & (face[:, 1] != face[:, 2]) & (face[:, 2] != face[:, 0])]
@@ -145,7 +145,7 @@ def closed_pieces(vertex: np.ndarray, face: np.ndarray) -> ClosedMesh | None:
     if len(face) <= MOST_TRIANGLES and isinstance(whole := _filled(vertex, face), ClosedMesh):
         return whole
     edge = mesh_edges(face)
-    piece = _pieces(edge[:, 0], edge[:, 1], len(vertex))[face[:, 0]]
+    piece = connected(edge[:, 0], edge[:, 1], len(vertex))[face[:, 0]]
     extent = _extent(vertex, face)
     parts = [face[piece == number] for number in np.unique(piece)]
     shown = [part for part in parts if _extent(vertex, part) >= _SMALLEST_PIECE * extent]
@@ -186,7 +186,7 @@ def _extent(vertex: np.ndarray, face: np.ndarray) -> float:
 def _sheets(face: np.ndarray) -> list[np.ndarray]:
     """Triangles that hang together over edges of two triangles."""
     _, first, second, _ = _shared_edges(face)
-    sheet = _pieces(first // 3, second // 3, len(face))
+    sheet = connected(first // 3, second // 3, len(face))
     return [face[sheet == each] for each in np.unique(sheet)]
 
 
@@ -222,26 +222,17 @@ def consistently_wound(face: np.ndarray) -> np.ndarray | None:
     # gives two pieces, the first of which holds its first triangle as it is. A one-sided surface gives one piece.
     first, second, many = first // 3, second // 3, len(face)
     partners = np.concatenate([second + many * alike, second + many * ~alike])
-    as_it_is, turned = _pieces(np.concatenate([first, first + many]), partners, 2 * many).reshape(2, -1)
+    as_it_is, turned = connected(np.concatenate([first, first + many]), partners, 2 * many).reshape(2, -1)
     return None if (as_it_is == turned).any() else np.where((turned < as_it_is)[:, None], face[:, ::-1], face)
 
 
 def outward(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
     """The triangles, in each connected piece turned so that it holds a positive volume."""
     edge = mesh_edges(face)
-    piece = _pieces(edge[:, 0], edge[:, 1], len(vertex))[face[:, 0]]
+    piece = connected(edge[:, 0], edge[:, 1], len(vertex))[face[:, 0]]
     a, b, c = vertex[face].swapaxes(0, 1)
     volume = np.bincount(piece, np.einsum("fi,fi->f", a, np.cross(b, c)))
     return np.where((volume[piece] < 0)[:, None], face[:, ::-1], face)
-
-
-def _pieces(start: np.ndarray, end: np.ndarray, count: int) -> np.ndarray:
-    """(count,) the connected piece that each node is in, by edges from ``start`` to ``end``, counted as they come."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_matrix((np.ones(len(start)), (start, end)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _hole_rims(face: np.ndarray) -> list[list[int]] | None:

@@ -97,7 +97,7 @@ def _report(console: Console, scene: Scene, output: Path, tracked: Result) -> An
         raise
     if warning:
         console.warn(warning)
-    step = (report["verdict"]["cameras"] and report["verdict"]["next"]) or next_step("show", output)
+    step = report["verdict"]["next"] or next_step("show", output)
     values = {"result": output, **report, "config": tracked.config, "next": step}
     return Answer(values, [summary(report)], checked(report["verdict"]["holds"]))
 

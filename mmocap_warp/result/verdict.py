@@ -58,11 +58,12 @@ def verdict(result: Result, scene: Path | None = None) -> dict[str, Any]:
     good &= np.isfinite(result.iou[best]).sum(axis=1) >= _MIN_VIEWS
     moved = views_beside(result)
     good &= ~moved.any(axis=1)
-    # Cameras, in the middle of these frames.
+    # Cameras, in the middle of these frames. Where all of the body is in doubt, a camera may be why.
     cameras: dict[str, float] = {}
     held = len(result.cameras) > _FEW_VIEWS
-    if result.view_shift is not None and good.any():
-        middle = np.nan_to_num(nanmedian(result.view_shift[best][good]))
+    asked = good if good.any() else np.isin(status, ("tracked", "rescued", "partial"))
+    if result.view_shift is not None and asked.any():
+        middle = np.nan_to_num(nanmedian(result.view_shift[best][asked]))
         if middle.max() > _MAX_SHIFT * size:
             worst = [k for k in np.argsort(-middle) if middle[k] > _NAMED_SHARE * middle.max()]
             cameras = {result.cameras.names[k]: 1000 * float(middle[k]) for k in worst}

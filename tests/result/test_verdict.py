@@ -89,6 +89,15 @@ def test_a_camera_that_disagrees_is_named_with_what_to_do():
     assert told["next"] == "mmocap calib refine s.toml -o calibration-refined.toml"
 
 
+def test_a_camera_is_named_that_puts_the_whole_body_in_doubt():
+    shift = np.tile([0.02, 0.009, 0.026, 0.003], (1, FRAMES, 1))
+    doubtful = {"joint_sigma": np.full((1, FRAMES, len(SKELETON.joints), 3), 0.1), "view_shift": shift}
+    told = judged(**doubtful)
+    assert (told["trusted"], list(told["cameras"])) == (0, ["cam03", "cam01"])
+    assert told["next"] == "mmocap calib refine s.toml -o calibration-refined.toml"
+    assert judged(**doubtful, status=statuses("lost", slice(None)))["cameras"] == {}
+
+
 def test_two_that_may_be_the_wrong_one_are_both_named():
     told = judged(view_shift=np.tile([0.011, 0.018, 0.004, 0.02], (1, FRAMES, 1)))
     assert "disagree with the others: cam04 by 20 mm, cam02 by 18 mm" in told["lines"][1]

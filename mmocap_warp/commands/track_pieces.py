@@ -48,30 +48,30 @@ class Piece:
     checkpoint: Path | None
     resumption: dict[str, Any]
 
-    def tracked(self, progress: Callable[[int], None]) -> Result:
-        """The piece, tracked; an InputError if its first frame shows nobody.
+    def begin(self) -> Piece:
+        """The piece from where its body is found; an InputError if its first frame shows nobody."""
+        if self.begun:
+            return self
+        where: dict[str, Any] = {"seed": self.config.seed, "device": self.config.device, "threads": self.config.threads}
+        found = subject_fit.fit(self.scene, self.subject.body, FitConfig(**KNOWN | _HEADINGS | where))
+        # Its root counts from a base of its own.
+        pose = self.rooting(found.root_base).enter(found.pose[None])
+        return self.starting_at(self.rooting().leave(pose, self.subject.pose[ROOT_ANGLES])[0])
 
-        ``progress`` is called with frames that are done: smoothing is half of the work.
-        """
-        piece, config, frames = self, self.config, [0, 0]
+    def tracked(self, progress: Callable[[int], None]) -> Result:
+        """The piece that has begun, tracked; ``progress`` is told frames that are done: smoothing is half of them."""
+        frames = [0, 0]
 
         def report(stage: int, done: int) -> None:
             frames[stage] = done
-            progress(sum(frames) // 2 if config.acceleration else done)
+            progress(sum(frames) // 2 if self.config.acceleration else done)
 
-        if not self.begun:
-            where: dict[str, Any] = {"seed": config.seed, "device": config.device, "threads": config.threads}
-            fit = FitConfig(**KNOWN | _HEADINGS | where)
-            found = subject_fit.fit(self.scene, self.subject.body, fit)
-            # Its root counts from a base of its own.
-            pose = self.rooting(found.root_base).enter(found.pose[None])
-            piece = self.starting_at(self.rooting().leave(pose, self.subject.pose[ROOT_ANGLES])[0])
         reports: dict[str, Any] = {
             "progress": lambda frame, _: report(0, frame + 1),
             "smooth_progress": lambda done: report(1, done),
         }
         files = {"checkpoint": self.checkpoint, **self.resumption}
-        return frame_loop.track(piece.scene, piece.subject, config, **files, **reports)
+        return frame_loop.track(self.scene, self.subject, self.config, **files, **reports)
 
     def starting_at(self, pose: np.ndarray) -> Piece:
         """The piece that begins with a pose (coordinate,)."""
@@ -90,17 +90,22 @@ class PieceWorker:
     def __init__(self, device: str, threads: int | None = None) -> None:
         self.device, self._threads = device, threads
 
-    def work(self, job: Piece) -> Iterator[Advance | Result | None]:
-        """Track it: yields now and then how far that is, and last the result; None where that was not possible."""
+    def work(self, job: Piece) -> Iterator[Advance | Result | InputError | None]:
+        """Track it: yields now and then how far that is, and last the result or an error; None if it cannot begin."""
         here, done = replace(job.config, device=self.device, threads=self._threads), [0]
+        try:
+            piece = replace(job, config=here).begin()
+        except InputError:
+            yield None
+            return
         with ThreadPoolExecutor(1) as pool:
-            tracked = pool.submit(replace(job, config=here).tracked, done.append)
+            tracked = pool.submit(piece.tracked, done.append)
             while not wait([tracked], timeout=0.5).done:
                 yield Advance("track", done[-1], job.scene.frame_count, 0)
         try:
             yield tracked.result()
-        except InputError:
-            yield None
+        except InputError as error:
+            yield error
 
 
 def track_in_pieces(
@@ -161,13 +166,12 @@ def checkpoints(first: Path, count: int) -> list[Path]:
 
 def _tracked_here(piece: Piece, reporter: Reporter) -> Result:
     """A piece, tracked by this process; an InputError says why it cannot be."""
-    total = piece.scene.frame_count
     with reporter.stage("track again") as progress:
-        return piece.tracked(lambda done: progress(done, total))
+        return piece.tracked(lambda done: progress(done, piece.scene.frame_count))
 
 
 def _side_by_side(pieces: list[Piece], progress: Callable[[int], None]) -> dict[int, Result | None]:
-    """What processes make of pieces, by number; not of those on which two of them have died."""
+    """What processes make of pieces, by number, but of those on which two of them have died; an InputError of one."""
     threads = pieces[0].config.threads or available_threads()
     count = min(len(pieces), threads)
     places = [*islice(cycle(local_devices(pieces[0].config.device)), count)]
@@ -179,6 +183,8 @@ def _side_by_side(pieces: list[Piece], progress: Callable[[int], None]) -> dict[
                 if isinstance(event, Advance):
                     done[doing[worker]] = event.done
                     continue
+                if isinstance(event, InputError):
+                    raise event
                 number = doing.pop(worker, None)  # none of a worker that has started, or waited
                 if isinstance(event, Death):
                     deaths[number] += 1

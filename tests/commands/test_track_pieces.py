@@ -195,6 +195,14 @@ def test_an_interrupted_run_goes_on_with_all_of_its_pieces(scene, monkeypatch, t
     with pytest.raises(InputError, match="frames"):
         mm.track(scene, output=output, resume=True, **SETTINGS)
     monkeypatch.setattr(track_pieces, "LocalEngine", Here())
+    # Another run's checkpoint of a later piece is refused too: it is not tracked in another way instead.
+    first, second = (tmp_path / name for name in kept[:2])
+    its_own = second.read_bytes()
+    second.write_bytes(first.read_bytes())
+    with pytest.raises(InputError, match=r"checkpoint\.1: .* differs in its frames"):
+        mm.track(scene, pieces=2, output=output, resume=True, **SETTINGS)
+    second.write_bytes(its_own)
+    monkeypatch.setattr(track_pieces, "LocalEngine", Here())
     result = mm.track(scene, pieces=2, output=output, resume=True, **SETTINGS)
     assert [file.name for file in tmp_path.iterdir()] == ["r.usdc"]
     assert result.pose.tobytes() == at_once.pose.tobytes()

@@ -46,7 +46,7 @@ class ForegroundSettings:
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, float) and not 0 <= value < 1e9:
-                raise ValueError(f"{field.name} must not be negative, got {value:g}")
+                raise ValueError(f"{field.name} must be 0 or more and below 1e9, got {value:g}")
         if not 0 <= self.identity < 1 << 16:
             raise ValueError(f"identity must be 1 to 65535, or 0 for all, got {self.identity}")
         if self.threshold == 0 or self.noise == 0:

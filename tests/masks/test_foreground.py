@@ -213,7 +213,8 @@ def test_keeping_the_subject() -> None:
     [
         ({"source": "camera"}, "source must be one of"),
         ({"model": "median"}, "model must be one of"),
-        ({"close": -1.0}, "close must not be negative"),
+        ({"close": -1.0}, r"close must be 0 or more and below 1e9, got -1"),
+        ({"min_area": 1e9}, r"min_area must be 0 or more and below 1e9, got 1e\+09"),
         ({"noise": 0.0}, "threshold and noise must be positive"),
         ({"shadow_brightness": 1.5}, "shadow_brightness must be 0 to 1"),
     ],

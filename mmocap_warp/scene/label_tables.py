@@ -23,8 +23,6 @@ def with_labels(
     Raises:
         InputError: labels that cannot be, or of masks that are not given.
     """
-    if table.has("person") and foreground.identity:
-        raise table.error("person and identity both say who is tracked", "leave one of them out")
     roles = {role: _take_labels(table, role, sources) for role in _ROLES}
     several = _take_labels(table, "several", sources)
     table.finish()

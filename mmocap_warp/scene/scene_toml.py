@@ -178,6 +178,8 @@ def _read_foreground(table: Table, identity: int | None, source: str | None, lab
         values["identity"] = identity
     if values["identity"] and not has_identities:
         raise table.error("identity chooses among given masks; these are subtracted", "leave it out")
+    if values["identity"] and labelled:
+        raise table.error("identity and labels of people both say who is tracked", "leave it out; --person chooses")
     try:
         return replace(default, **values)
     except ValueError as error:

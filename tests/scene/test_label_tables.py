@@ -108,6 +108,14 @@ def test_what_may_be_anybodys_hides_each_person_until_they_are_told_apart(folder
         scene_with(folder, "[foreground]\nsource = 'recording'\n[labels]\nseveral = 3\n")
 
 
+def test_who_is_tracked_is_not_said_twice(folder):
+    with pytest.raises(InputError, match=r"identity and labels of people both say who is tracked; .*--person"):
+        scene_with(folder, "[foreground]\nidentity = 1\n" + PEOPLE)
+    (folder / "scene.toml").write_text(SCENE + PEOPLE)
+    with pytest.raises(InputError, match="labels of people both say"):
+        load_scene(folder, identity=1)
+
+
 def test_a_result_finds_its_person_again(folder):
     scene = scene_with(folder, PEOPLE)
     ben = scene_from(scene, person="ben")

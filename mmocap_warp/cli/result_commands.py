@@ -35,6 +35,8 @@ def track(
     loaded: Scene,
     output: Path | None,
     person: str | None,
+    subject: Path | None,
+    again: Path | None,
     resume: bool,
     force: bool,
     settings: Any,
@@ -48,7 +50,7 @@ def track(
     whole, output = output is None, output or loaded.directory / "result.usdc"
     loaded = with_masks(loaded, console, effective(TrackConfig, loaded.settings("track"), given(settings)))
     track_one = partial(_track, call, console, whole=whole, force=force, settings=settings)
-    if people := everybody(loaded, person):
+    if people := everybody(loaded, person, subject=subject, again=again):
         tracked, problems = track_each(loaded, output, track_one, console, resume or (whole and not force), force)
         # What is said of each is said of the result that was written last.
         reports = {

@@ -98,9 +98,7 @@ def live(
         raise UsageError("--frames are of the scene's own files: leave it or --source out")
     reporter = reporter or Reporter()
     loaded = load_scene(scene, live=True) if source and not isinstance(scene, Scene) else scene_from(scene, frames)
-    scenes = _scenes(loaded, person)
-    if subject is not None and len(scenes) > 1:
-        raise UsageError("--subject is of one person: name each one's in the scene, or choose one by --person")
+    scenes = _scenes(loaded, person, subject)
     chosen = track_settings(loaded, settings, config, seen=not source)
     if chosen.runs != 1:
         raise UsageError(f"--runs must be 1 to track live, got {chosen.runs}")
@@ -134,12 +132,12 @@ def live(
     return report
 
 
-def _scenes(scene: Scene, person: str | None) -> dict[str, Scene]:
+def _scenes(scene: Scene, person: str | None, subject: object) -> dict[str, Scene]:
     """The scene as each who is tracked in it sees it, by name; of no name where the scene names nobody."""
     if scene.of_several:
         remedy = "let masks give each person a label, or track the recording with mmocap track"
         raise InputError(scene.path, "[labels] several: who is one blob with others cannot be told apart live", remedy)
-    if names := everybody(scene, person):
+    if names := everybody(scene, person, subject=subject):
         return {name: scene.of_person(name) for name in names}
     one = scene_from(scene, person=person)
     return {one.person: one}

@@ -52,6 +52,7 @@ def track_people(
     reporter, loaded = reporter or Reporter(), scene_from(scene, frames)
     if not loaded.people:
         raise UsageError("the scene names no people: track its one person with track")
+    everybody(loaded, "all", subject=arguments.get("subject"), again=arguments.get("again"))
     settings = {name: value for name, value in arguments.items() if name in vars(TrackConfig())}
     chosen = effective(TrackConfig, loaded.settings("track"), settings, arguments.get("config"))
     made, file = with_masks(loaded, reporter, chosen), None if output is None else Path(output)
@@ -89,10 +90,13 @@ def track_each(
     return tracked, problems
 
 
-def everybody(scene: Scene, person: str | None) -> list[str]:
-    """The people who are meant one after the other; none where one is, or the scene names nobody."""
+def everybody(scene: Scene, person: str | None, **of_one: object) -> list[str]:
+    """The people who are meant one after the other, or none; a UsageError if several are given what is ``of_one``."""
     all_of_them = person == "all" and person not in scene.people
-    return [*scene.people] if all_of_them or not (person or scene.person) else []
+    people = [*scene.people] if all_of_them or not (person or scene.person) else []
+    if len(people) > 1 and (given := [name for name, value in of_one.items() if value is not None]):
+        raise UsageError(f"--{given[0]} is of one person: choose one of {', '.join(people)} by --person")
+    return people
 
 
 def file_of(output: Path, name: str) -> Path:

@@ -216,6 +216,17 @@ def test_who_cannot_be_tracked_is_left_out_with_a_warning(tmp_path, monkeypatch)
         mm.track_people(replace(scene, people={}))
 
 
+def test_what_is_of_one_person_is_not_given_for_several(tmp_path, monkeypatch, capsys):
+    scene = made(tmp_path, [(-0.8, 0.8)] * 4, several=None)
+    asked = tracking(monkeypatch)
+    for name in ("subject", "again"):
+        assert main(["track", str(scene.path), "-o", str(tmp_path / "r.usdc"), f"--{name}", "one.usdc"]) == 2
+        assert f"--{name} is of one person: choose one of anna, ben by --person" in capsys.readouterr().err
+        with pytest.raises(UsageError, match=f"{name} is of one person"):
+            mm.track_people(scene, **{name: "one.usdc"})
+    assert not asked
+
+
 @pytest.mark.parametrize("command", [["track"], ["track", "--person", "ben"], ["mask"]])
 def test_the_device_reaches_the_telling_apart(tmp_path, monkeypatch, command):
     """Also from the command line, where the scene's own [track] would have it elsewhere."""

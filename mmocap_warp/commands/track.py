@@ -285,6 +285,9 @@ def _again(
     if result.cameras.names != loaded.calibrated.names:
         problem = f"its cameras are {', '.join(result.cameras.names)}, not those of the scene"
         raise InputError(path or "result", problem, "give the scene that it was tracked from")
+    if (person := result.config.get("person", "")) != loaded.person:
+        own, asked = (name or "somebody without a name" for name in (person, loaded.person))
+        raise InputError(path or "result", f"is of {own}, not of {asked}", "give its own scene and --person")
     numbers = result.frame_numbers.tolist()
     chosen = [position for position, number in enumerate(numbers) if number in loaded.frames]
     span = range(chosen[0], chosen[-1] + 1) if 0 < len(chosen) < len(numbers) else None

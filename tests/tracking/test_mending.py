@@ -118,3 +118,9 @@ def test_a_result_of_other_cameras_is_refused(scene, sound):
     other = replace(sound, cameras=replace(sound.cameras, names=names))
     with pytest.raises(InputError, match=f"its cameras are {', '.join(names)}, not those of the scene"):
         mm.track(scene, again=other, frames="3:9")
+
+
+def test_a_result_of_somebody_else_is_refused(scene, sound):
+    other = replace(sound, config=sound.config | {"person": "anna"})
+    with pytest.raises(InputError, match="is of anna, not of somebody without a name; give its own scene and --person"):
+        mm.track(scene, again=other, frames="3:9")

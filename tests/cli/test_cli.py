@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import re
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,6 +37,12 @@ def test_help_names_every_command():
 def test_every_command_explains_itself(command, capsys):
     assert cli.main([command, "--help"]) == console.OK
     assert f"mmocap {command}" in capsys.readouterr().out
+
+
+def test_the_page_on_the_command_line_lists_every_command():
+    page = (Path(__file__).resolve().parents[2] / "docs" / "cli.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `([a-z]+)", page.split("## Exit codes")[0], re.MULTILINE)
+    assert set(listed) == {name for name in cli.app if not name.startswith("-")}
 
 
 def options(app: App, *path: str) -> Iterator[tuple[str, Argument]]:

@@ -232,7 +232,7 @@ def batch(
         steps: joined by commas: mask, fit, track, eval, export: with an ending, and view. Masks are made where a scene
             has none, and a subject is fitted where none is known.
         plan: a TOML file of settings for all scenes, for those that match a pattern, and for persons.
-        engine: local: the devices of this machine; ray: a Ray cluster that is running, whose machines see these files.
+        engine: what works: local, this machine, or ray, a Ray cluster that is running, whose machines see these files.
         device: local: auto (all CUDA devices, or the CPU), cpu, or a list such as cuda:0,cuda:2.
         threads: local: CPU threads of each worker. [default: all, shared out]
         address: ray: of the cluster; auto finds the one that this machine belongs to.

@@ -334,7 +334,7 @@ def convert_cameras(
         calibration: cameras, or their file, known by its ending, or a folder where the format has one.
         output: NAME.toml (Pose2Sim, aniposelib), intri.yml (EasyMocap, OpenCV; with extri.yml), cameras.txt (COLMAP;
             with images.txt and points3D.txt) or NAME.usda, NAME.usdc, NAME.usd.
-        units: m, mm, cm, in or ft, of the lengths that are read, where the format leaves that open.
+        units: of the lengths that are read, where the format leaves that open: m, mm, cm, in or ft.
         up: the vertical of the calibration's world, such as +y; it is written to USD, the other formats do not have it.
         size: such as 1920x1080, of the images of cameras for which the calibration has none.
         force: replace files that exist.

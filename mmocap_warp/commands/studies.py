@@ -62,7 +62,7 @@ def run_study(
     Args:
         study: the study, or its TOML file.
         output: folder of the results, made if it does not exist. [default: the study's name]
-        engine: local: the devices of this machine, a process each; ray: a Ray cluster that is running.
+        engine: what works: local, the devices of this machine, a process each, or ray, a Ray cluster that is running.
         device: local: auto (all CUDA devices, or the CPU), cpu, or a list such as cuda:0,cuda:2; a device that is
             listed twice gets two processes.
         threads: local: CPU threads. [default: all]

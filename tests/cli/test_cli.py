@@ -62,6 +62,16 @@ def test_every_option_explains_itself():
     assert [(command, name) for command, name, help_text in every if not help_text] == []
 
 
+def test_help_writes_values_as_they_are_typed():
+    helps = {(command, option.name): option.parameter.help for command, option in options(cli.app)}
+    for command, name, value in (
+        ("batch", "engine", "local"),
+        ("study run", "engine", "ray"),
+        ("calib convert", "units", "m"),
+    ):
+        assert re.search(rf"\b{value}\b", str(helps[command, f"--{name}"]))
+
+
 def test_no_command_imports_warp_usd_or_opencv_to_show_its_help():
     heavy = "{'warp', 'pxr', 'cv2', 'numpy'} & set(sys.modules)"
     lines = [f"cli.main([{command!r}, '--help'])" for command in COMMANDS]

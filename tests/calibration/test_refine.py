@@ -14,6 +14,7 @@ from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, ROTATIO
 from mmocap_warp.calibration.adjust.silhouette_agreement import landmarks
 from mmocap_warp.calibration.camera_check import CameraCheck, check, gross_mistake
 from mmocap_warp.calibration.refine.refinement import Refinement, refine
+from mmocap_warp.errors import InputError
 
 CONFIG = AdjustConfig(frames=7, judges=3, scale=0.35, device="cpu")
 FRAMES = 10
@@ -100,6 +101,14 @@ def test_the_camera_that_disagrees_is_named_with_its_cause(tmp_path, cause, by):
     assert found.views[0].camera == RIG.names[WRONG]
     mask, before, after = (getattr(found.views[0], name) for name in ("mask", "before", "after"))
     assert (mask & after).sum() / (mask | after).sum() > (mask & before).sum() / (mask | before).sum()
+
+
+def test_a_camera_alone_is_compared_with_nothing(tmp_path):
+    scene = write_scene(tmp_path, RIG, 2)
+    alone = replace(scene, cameras=scene.cameras[:1], calibrated=scene.calibrated.select(RIG.names[:1]))
+    for compare in (check, refine):
+        with pytest.raises(InputError, match="names one camera, and comparing needs two views"):
+            compare(alone, BODY, CONFIG)
 
 
 def test_no_camera_of_a_sound_rig_disagrees(tmp_path):

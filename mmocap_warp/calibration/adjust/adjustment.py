@@ -53,10 +53,12 @@ class Adjustment:
     ``body`` is the generic one that the person's is expected to be near to.
 
     Raises:
-        ValueError: a camera that the scene does not have.
+        ValueError: a camera that the scene does not have. InputError: it has one camera alone.
     """
 
     def __init__(self, scene: Scene, body: BodyModel, config: AdjustConfig) -> None:
+        if len(scene.cameras) < 2:
+            raise InputError(scene.path, "names one camera, and comparing needs two views at least", "name another one")
         self.scene, self.config, self._body = scene, config, body
         self.device, self.threads = resolve_device(config.device), config.threads or available_threads()
         self.footage = Footage(scene, config.scale)

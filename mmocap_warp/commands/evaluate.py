@@ -27,7 +27,7 @@ def evaluate(
     result: Result | str | Path,
     truth: Truth | str | Path | None = None,
     *,
-    truth_axes: str = "xyz",
+    truth_axes: str | None = None,
     scene: Scene | str | Path | None = None,
     frames: Frames = None,
     joint_set: str | Path = "rig",
@@ -40,7 +40,7 @@ def evaluate(
     Args:
         result: what was tracked, or its file.
         truth: true markers or joints: .usdc, .usda or .trc. [default: the scene's own]
-        truth_axes: of a .trc: which of its axes are the world's x, y and z, such as zxy.
+        truth_axes: of a .trc: which of its axes are the world's x, y and z, such as zxy. [default: the scene's, or xyz]
         scene: the scene, if it is no longer where the result says.
         frames: which of the result's frames. [default: all]
         joint_set: by which definitions joints are compared: rig, isb, coco17, body25, h36m17, humaneva, rajagopal,
@@ -56,17 +56,17 @@ def evaluate(
         UsageError: the result has none of these frames.
     """
     tracked, path = result_from(result)
-    positions = positions_of(tracked, frames)
-    named_by, file, recorded = "scene" if truth is None else "truth", None, None
+    tracked = tracked.at(positions_of(tracked, frames))
+    named_by, file, recorded = "scene" if truth is truth_axes is None else "truth", None, None
     if truth is None and (recorded := scene_of(tracked, path, scene, reporter)) is not None:
+        recorded = replace(recorded, truth_axes=truth_axes or recorded.truth_axes)
         truth, file, truth_axes = truth_of(recorded), recorded.truth, recorded.truth_axes
     elif isinstance(truth, str | Path):
         file = Path(truth)
-        truth = load_truth(file, truth_axes)
+        truth = load_truth(file, truth_axes or "xyz")
     start_warp()
-    tracked = tracked.at(positions)
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
-    report, fault = _judged(tracked, truth, file, truth_axes, named_by, points)
+    report, fault = _judged(tracked, truth, file, truth_axes or "xyz", named_by, points)
     report["verdict"] = verdict(tracked, None if recorded is None else recorded.path)
     if fault is not None:
         (reporter or Reporter()).warn(f"check failed: {fault}")

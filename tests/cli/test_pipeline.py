@@ -199,6 +199,18 @@ def test_eval_names_the_axes_of_a_truth_in_other_axes(result, scene, tmp_path, c
     assert f"give --truth-axes={axes}" in capsys.readouterr().err  # of the file's own axes, whatever was given
 
 
+def test_axes_that_are_given_win_over_those_of_the_scenes_own_truth(result, scene, tmp_path, capsys):
+    shutil.copytree(scene.parent, tmp_path / "scene")
+    truth = write_trc(tmp_path / "scene" / "t.trc", read_truth(scene.parent / "truth.usdc").joints[..., [2, 0, 1]])
+    named = tmp_path / "scene" / "scene.toml"
+    named.write_text(named.read_text().replace('file = "truth.usdc"', f'file = "{truth.name}"'))
+    asked = ["eval", str(result), "--scene", str(named)]
+    for axes in ([], ["--truth-axes=zxy"]):
+        assert cli.main([*asked, *axes]) == console.CHECK_FAILED
+    assert "give --truth-axes=yzx" in capsys.readouterr().err
+    assert answer(capsys, *asked, "--truth-axes=yzx")["other_world"] is None
+
+
 def test_eval_names_other_origins_and_units(result, scene, tmp_path, capsys):
     joints = read_truth(scene.parent / "truth.usdc").joints
     for truth, words in (

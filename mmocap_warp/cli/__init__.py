@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = _run(tokens)
         sys.stdout.flush()
         return code
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):  # the writer of the help makes the second of the first
         _drop_output(sys.stdout)
         return BROKEN_PIPE
     except OSError as error:

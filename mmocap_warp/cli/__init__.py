@@ -38,6 +38,7 @@ app = App(
     help_format="markdown",  # plain text would keep the line breaks of the docstrings
     default_parameter=Parameter(negative_iterable=()),
     version=lambda: _version(),
+    version_format="plaintext",  # a package a line
     suppress_keyboard_interrupt=False,
 )
 

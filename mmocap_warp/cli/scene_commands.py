@@ -75,10 +75,8 @@ def mask(call: Any) -> Answer:
     }
     lines = [f"{masks.scene}: {masks.frames} frames, {len(report.views)} cameras", *_mask_table(report, changes)]
     if made is not None and made.untouched:
-        lines.append(
-            f"not made consistent: {made.untouched} frames, in which views contradict each other throughout; see"
-            f" {next_step('calib', 'check', masks.scene)}"
-        )
+        where, look = "in which views contradict each other throughout", next_step("calib", "check", masks.scene)
+        lines.append(f"not made consistent: {made.untouched} frames, {where}; see {look}")
     lines += [f"next: {step}"] if good else [*(f"check failed: {fault}" for fault in report.faults), masks.remedy]
     return Answer(values, lines, checked(good))
 
@@ -124,12 +122,10 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
         "next": step if shown.plausible else None,
     }
     lines = [repr(shown), *shown.pictures, f"the cameras' mean height is {shown.mean_height:.2f} m along {shown.up}"]
-    if not shown.plausible:
-        lines.append("check failed: the cameras are on average not above the floor; correct [scene] up")
     if pictures is not None:
         lines.append(f"{pictures}: the world's axes in {len(shown.rows)} pictures, x red, y green, z blue")
-    if shown.plausible:
-        lines.append(f"next: {step}")
+    fault = "check failed: the cameras are on average not above the floor; correct [scene] up"
+    lines.append(f"next: {step}" if shown.plausible else fault)
     return Answer(values, lines, checked(shown.plausible))
 
 
@@ -219,10 +215,8 @@ def dataset(call: Any, output: Path) -> Answer:
 def validate(file: Path, /, *, console: Console | None = None) -> int:
     """Say what is wrong with a USD file: by OpenUSD's validators, and what they miss in bodies that move.
 
-    Parameters
-    ----------
-    file
-        A .usda, .usdc or .usdz file: a result, a subject, a body, an export, or another program's.
+    Args:
+        file: A .usda, .usdc or .usdz file: a result, a subject, a body, an export, or another program's.
     """
     from mmocap_warp.formats.usd.usd_check import faults
 

@@ -3,17 +3,16 @@
 import gc
 import multiprocessing
 import queue
-import signal
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
 from typing import Any
 
-from mmocap_warp.device.resolve import resolve_device, start_quietly
+from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.live import LiveTracker
-from mmocap_warp.tracking.live_smoothing import LiveFrame, SmoothingProcess
+from mmocap_warp.tracking.live_smoothing import LiveFrame, SmoothingProcess, start_beside
 
 _MOST_TOGETHER = 3  # people that a process tracks by a GPU, on which their frames overlap
 
@@ -100,8 +99,7 @@ class LiveProcess:
 
 def _serve(line: Any, people: Sequence[tuple[Any, ...]]) -> None:
     """Track the frames that come on a line, up to a None, until its other end is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    start_quietly()
+    start_beside()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError), ExitStack() as stack:
         try:
             smoother = stack.enter_context(closing(SmoothingProcess(people)))

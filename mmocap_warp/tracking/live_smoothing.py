@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from threading import Timer
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
 
 _MOST_BEHIND = 32  # of a person's frames that wait to be smoothed; then the next waits too, so that memory is bounded
 _NICENESS = 19  # where cores are few, the frame that has just come goes first
+_GRACE = 10.0  # seconds that such a process has after SIGTERM
 _PATIENCE = 1.0  # seconds between looks at whether the process lives
 
 
@@ -137,7 +139,7 @@ class SmoothingProcess:
 
     def close(self) -> None:
         """End the process."""
-        self._process.terminate()
+        self._process.kill()
         self._process.join()
 
     def hand_on(self, person: int, number: int, observation: Observation, answer: FrameAnswer) -> None:
@@ -164,12 +166,20 @@ class SmoothingProcess:
                 raise RuntimeError(f"the process that smooths ended with exit code {self._process.exitcode}")
 
 
+def start_beside() -> None:
+    """Start Warp in a process that outlives Ctrl-C, and SIGTERM for a while: its parent still wants what is missing."""
+    end = Timer(_GRACE, os._exit, (1,))
+    end.daemon = True  # a process that is done by then does not wait
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: None if end.is_alive() else end.start())
+    start_quietly()
+
+
 def _smooth(frames: Any, solved: Any, people: Sequence[tuple[Any, ...]]) -> None:
     """Smooth frames as they are handed on, until the parent is gone; after a person's last frame comes a None."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
-    start_quietly()
+    start_beside()
     smoothers = [_Smoother(*about) for about in people]
     while (parent := multiprocessing.parent_process()) and parent.is_alive():
         with suppress(queue.Empty):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -213,3 +215,16 @@ def test_a_process_that_dies_is_told_of():
         tracker.step(0, seen[0])
         with pytest.raises(RuntimeError, match="the process that smooths ended with exit code -9"):
             list(tracker.rest())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals between processes")
+@pytest.mark.parametrize(("grace", "code"), [(60.0, 0), (0.01, 1)], ids=["until it is asked", "but not for ever"])
+def test_a_process_beside_outlives_the_signals_that_its_parent_winds_up_on(grace, code):
+    program = (
+        "import os, signal, time; from mmocap_warp.tracking import live_smoothing as beside\n"
+        f"beside.start_quietly, beside._GRACE = int, {grace}; beside.start_beside()\n"
+        "for each in signal.SIGINT, signal.SIGTERM, signal.SIGTERM: os.kill(os.getpid(), each)\n"
+        f"print('answers', flush=True); time.sleep({5.0 if code else 0.0})"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (code, "answers\n"), done.stderr

@@ -14,7 +14,7 @@ from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.display import result_video
 from mmocap_warp.display.overlay import Look
 from mmocap_warp.display.page import viewer
-from mmocap_warp.errors import UsageError
+from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats import table
 from mmocap_warp.formats.exports.rigs import with_rig
 from mmocap_warp.formats.truth_file import load_truth
@@ -336,6 +336,8 @@ def export(
         for file, number in _files(own, run, len(tracked.pose), tracked.best_run).items():
             parts.setdefault(file, {})[name] = tracked, number
     for file in parts:
+        if isinstance(result, str | Path) and file.resolve() == Path(result).resolve():
+            raise InputError(file, "is the result, of which an animation keeps less", "write elsewhere")
         new_file(file, *table.EXPORT_SUFFIXES, force=force)
     start_warp()
     for file, part in parts.items():

@@ -103,6 +103,9 @@ def test_a_result_is_replaced_only_by_force(scene, tmp_path, capsys):
     assert cli.main(command) == console.BAD_INPUT
     assert cli.main([*command, "--resume"]) == console.OK  # complete: nothing to do
     assert (tmp_path / "r.usdc").stat().st_mtime_ns == before
+    result = str(tmp_path / "r.usdc")
+    assert cli.main(["export", result, "-o", result, "--force"]) == console.BAD_INPUT  # an animation is less
+    assert (tmp_path / "r.usdc").stat().st_mtime_ns == before
     assert cli.main([*command, "--force"]) == console.OK
     assert (tmp_path / "r.usdc").stat().st_mtime_ns > before
 

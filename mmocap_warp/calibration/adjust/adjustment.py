@@ -53,7 +53,8 @@ class Adjustment:
     ``body`` is the generic one that the person's is expected to be near to.
 
     Raises:
-        ValueError: a camera that the scene does not have. InputError: it has one camera alone.
+        ValueError: a camera that the scene does not have.
+        InputError: it has one camera alone.
     """
 
     def __init__(self, scene: Scene, body: BodyModel, config: AdjustConfig) -> None:

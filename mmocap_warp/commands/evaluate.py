@@ -57,7 +57,7 @@ def evaluate(
     """
     tracked, path = result_from(result)
     tracked = tracked.at(positions_of(tracked, frames))
-    named_by, file, recorded = "scene" if truth is truth_axes is None else "truth", None, None
+    named_by, file, recorded = "scene" if truth is None and truth_axes is None else "truth", None, None
     if truth is None and (recorded := scene_of(tracked, path, scene, reporter)) is not None:
         recorded = replace(recorded, truth_axes=truth_axes or recorded.truth_axes)
         truth, file, truth_axes = truth_of(recorded), recorded.truth, recorded.truth_axes

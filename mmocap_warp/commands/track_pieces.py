@@ -33,7 +33,6 @@ _SHARED = 0.5  # time that neighbours have in common [s]
 _SHORTEST = 1.0  # time of a piece [s]
 _APART = 0.05  # distance of a joint from which on neighbours disagree [m], in a body like a person
 _BETTER = 0.9  # share of the other's cost that the later of two may have that disagree, and is right
-_HEADINGS = {"headings": 8}  # from four, somebody who faces between two of them was not found
 _DEATHS = 2  # of processes, after which their piece is tracked by this one
 
 
@@ -53,7 +52,7 @@ class Piece:
         if self.begun:
             return self
         where: dict[str, Any] = {"seed": self.config.seed, "device": self.config.device, "threads": self.config.threads}
-        found = subject_fit.fit(self.scene, self.subject.body, FitConfig(**KNOWN | _HEADINGS | where))
+        found = subject_fit.fit(self.scene, self.subject.body, FitConfig(**KNOWN | where))
         # Its root counts from a base of its own.
         pose = self.rooting(found.root_base).enter(found.pose[None])
         return self.starting_at(self.rooting().leave(pose, self.subject.pose[ROOT_ANGLES])[0])

@@ -8,7 +8,8 @@ from mmocap_warp.formats.toml_table import describes_settings, setting
 LONGEST_IMAGE = 480
 """The longer side of the images that a fit looks at unless a scale is given [px]: plenty for a shape."""
 
-KNOWN: dict[str, Any] = {"rigid": True, "headings": 4, "evaluations": 300, "finalists": 1}  # find a known body
+KNOWN: dict[str, Any] = {"rigid": True, "evaluations": 300, "finalists": 1}
+"""Settings that find a known body. With four headings, somebody who faced between two of them was not found."""
 
 
 @describes_settings

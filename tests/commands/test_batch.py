@@ -168,9 +168,9 @@ def test_a_person_is_fitted_once_and_tracked_in_every_recording(fitted, size, ma
 
     def fit(scene, body=None, **given):
         name = Path(getattr(scene, "path", scene)).parent.name
-        fits.append((name, body, given.get("rigid"), given.get("headings")))
+        fits.append((name, body, given.get("rigid"), given.get("finalists")))
         if body is not None:  # what is found with less fits one scene badly
-            return replace(subject, provenance={"fit.cost": 0.09 if name == "one" and "headings" in given else 0.05})
+            return replace(subject, provenance={"fit.cost": 0.09 if name == "one" and "finalists" in given else 0.05})
         if (now := fitted[len(fits) - 1]) is None:
             raise mm.InputError(scene, "shows nobody", "look at it")
         return replace(subject, body=subject.body.in_unit(1 / now[0]), provenance={"fit.cost": now[1]})
@@ -183,7 +183,7 @@ def test_a_person_is_fitted_once_and_tracked_in_every_recording(fitted, size, ma
     assert done.failures == {}
     body = tmp_path / "out" / "people" / "Anna" / "body.usdc"
     of_person = [("one", None, None, None), ("two", None, None, None)]
-    assert fits == [*of_person, ("one", body, True, 4), ("one", body, True, None), ("two", body, True, 4)]
+    assert fits == [*of_person, ("one", body, True, 1), ("one", body, True, None), ("two", body, True, 1)]
     np.testing.assert_allclose(mm.load_body(body).joint_rest, size * subject.body.joint_rest, atol=1e-3)
 
 

@@ -184,8 +184,8 @@ class ContourTracker:
         clear = np.asarray(self._falls_short(answer, _CLEAR_FALL) | ~state.level_known | few_views)
         size = self._subject.body.relative_size**2
         for run in np.flatnonzero(short & ~clear):
-            area = np.stack([look.area for look in self._uncovered.of(answer.pose[run : run + 1], observation)])
-            clear[run] = state.excess(area, LARGEST_USUAL_AREA * size)[run].sum() > _SHORT_UNCOVERED * size
+            (look,) = self._uncovered.of(answer.pose[run : run + 1], observation)
+            clear[run] = state.excess(look.area, LARGEST_USUAL_AREA * size)[run].sum() > _SHORT_UNCOVERED * size
         return clear
 
     def _is_lost(self, answer: Candidates) -> np.ndarray:

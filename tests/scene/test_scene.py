@@ -267,7 +267,9 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "no background": case('source = "masks"', 'source = "background_video"', r"'background' is missing, which"),
     "no clean plate": case("plate.png", "plates.png", r"plates\.png: no such file"),
     "repair with two": (repair_with_two, r"repair needs at least 3 cameras, this scene has 2; set repair = false"),
-    "bad setting": case('source = "masks"', 'source = "masks"\nclose = -2', r"close must be 0 or more"),
+    "bad setting": case(
+        'source = "masks"', 'source = "masks"\nclose = -2', r"close must be 0 or more and below 1e9, got -2"
+    ),
     "no subject": case("fps = 30", 'fps = 30\nsubject = "me.usdc"', r"me\.usdc does not exist"),
     "body of another kind": case("fps = 30", 'fps = 30\nbody = "me.glb"', r"/me\.glb does not exist"),
     "no body": case("fps = 30", 'fps = 30\nbody = "me.usdc"', r"me\.usdc does not exist"),

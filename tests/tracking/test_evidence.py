@@ -68,6 +68,10 @@ def test_a_limb_that_is_elsewhere_is_in_doubt_where_a_tracker_has_no_deviations(
     assert said["trusted"] <= FRAMES - 6
     assert said["parts"] == parts
     assert not said["holds"]
+    # Of a smoothed track its deviations say so.
+    smoothed = _finished(tracked(poses=poses), CONFIG, lambda: swinging()[1], pytest.fail, None)
+    assert smoothed.view_shift is not None
+    assert "parts_in_doubt" not in smoothed.config
     # What is tracked once more, without a view, is judged by itself.
     again = verdict(judged(replace(tracked(), config=result.config)))
     assert (again["trusted"], again["parts"]) == (FRAMES, {})

@@ -68,27 +68,16 @@ class RunMeasures:
 
 @dataclass(frozen=True)
 class Measures:
-    """What was measured of a result.
+    """What was measured of a result."""
 
-    Attributes:
-        result: of which.
-        raw: whether it was the track before it was smoothed.
-        sex: whose shares of mass were taken; None for the mean of both.
-        runs: the runs that were measured.
-        left_out: what the body has no joints for.
-        held: a person's angles that the model does not search, and which are left out, such as ``LElbow pronation``.
-        files: the tables and plots that were written.
-        joint_set: whose points the table of joints, the lengths and the long axes of limbs have; None for the body's
-            own joints.
-    """
-
-    result: Result
-    raw: bool
-    sex: Sex | None
-    runs: tuple[RunMeasures, ...]
-    left_out: tuple[str, ...]
-    held: tuple[str, ...] = ()
-    files: tuple[Path, ...] = ()
+    result: Result  #: of which
+    raw: bool  #: whether it was the track before it was smoothed
+    sex: Sex | None  #: whose shares of mass were taken; None for the mean of both
+    runs: tuple[RunMeasures, ...]  #: that were measured
+    left_out: tuple[str, ...]  #: what the body has no joints for
+    held: tuple[str, ...] = ()  #: a person's angles that the model does not search, such as ``LElbow pronation``
+    files: tuple[Path, ...] = ()  #: the tables and plots that were written
+    #: whose points the table of joints, the lengths and the long axes of limbs have; None for the body's own joints
     joint_set: JointSet | None = None
 
     @property

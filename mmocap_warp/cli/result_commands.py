@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from mmocap_warp.cli.command import BY_PLACE, Answer, Given, answer_of_each, command, several
 from mmocap_warp.cli.console import Console, ResultFrames, SceneFrames, checked, flags_of, given, next_step, table
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
 from mmocap_warp.formats.toml_table import listed
@@ -115,10 +115,9 @@ def _report(console: Console, scene: Scene, output: Path, tracked: Result) -> An
 def live(call: Any) -> Answer:
     report = call()
     median, late, most = (f"{each:.1f}" for each in report.delay_ms)
-    lines = [
-        f"{report.frames} frames, {report.dropped} dropped, {report.lost} lost",
-        f"from masks to packets: median {median} ms, 99 of 100 within {late} ms, most {most} ms",
-    ]
+    lines = [f"{report.frames} frames, {report.dropped} dropped, {report.lost} lost"]
+    if report.frames:
+        lines.append(f"from masks to packets: median {median} ms, 99 of 100 within {late} ms, most {most} ms")
     return Answer(vars(report), lines)
 
 
@@ -186,7 +185,7 @@ def demo(call: Any, example: str) -> Answer:
 
 
 @command("evaluate:evaluate", frames=ResultFrames, joint_set=Given(str, "rig"))
-def evaluate(call: Any, console: Console, result: Path, joint_set: str) -> Answer:
+def evaluate(call: Any, console: Console, result: Path, truth: Path | None, joint_set: str) -> Answer:
     from mmocap_warp.formats.usd.usd_people import results_in
 
     def evaluate_one(file: Path) -> Answer:
@@ -197,6 +196,8 @@ def evaluate(call: Any, console: Console, result: Path, joint_set: str) -> Answe
         return Answer(report, [summary(report), *by_joint, *([f"next: {step}"] if step else [])], checked(good))
 
     people = {name: partial(evaluate_one, file) for name, file in results_in(result).items()}
+    if people and truth:
+        raise UsageError(f"--truth is one person's: give it with that person's result, of {', '.join(people)}")
     return answer_of_each(console, people) if people else evaluate_one(result)
 
 

@@ -76,8 +76,11 @@ def _open_scene(
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene or the path of one, not a {type(scene).__name__}")
     if identity is not None:
-        if scene.foreground.source != "masks":
-            raise UsageError("--identity chooses among given masks; this scene's are subtracted")
+        if scene.foreground.source != "masks" or scene.labelled or scene.people:
+            other = (
+                "are subtracted" if scene.foreground.source != "masks" else "have labels of people; --person chooses"
+            )
+            raise UsageError(f"--identity chooses among given masks; this scene's {other}")
         scene = replace(scene, foreground=replace(scene.foreground, identity=identity))
     if frames is None:
         return scene

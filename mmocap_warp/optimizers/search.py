@@ -65,15 +65,10 @@ def share_budget(evaluations: int, parts: int) -> list[int]:
 
 
 class BatchedCost(Protocol):
-    """A cost of many candidates at once.
+    """A cost of many candidates at once."""
 
-    Attributes:
-        device: the Warp device of its arrays.
-        pose: (candidate, coordinate) float32, where candidates are written.
-    """
-
-    device: str
-    pose: wp.array[wp.float32]
+    device: str  # the Warp device of its arrays
+    pose: wp.array[wp.float32]  # (candidate, coordinate), where candidates are written
 
     def evaluate(self, candidates: int) -> wp.array[wp.float32]:
         """Costs (candidate,) float32 of the first ``candidates`` rows of ``pose``; infinite is allowed, NaN is not."""

@@ -10,6 +10,7 @@ from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.cameras.rig import UP_AXES
 from mmocap_warp.result.result import Result
 
+_MOST_RATE = 100  # times the result's own rate, at which a minute has a few hundred thousand frames
 _SAME_TIME = 1e-6  # frames: a time that lies outside the result by less is its first or last frame
 
 
@@ -37,8 +38,8 @@ def at_rate(result: Result, fps: float) -> Result:
     Raises:
         ValueError: a rate that is not positive, or so low that the result has no frame of it.
     """
-    if not 0 < fps < np.inf:
-        raise ValueError(f"fps must be positive, got {fps:g}")
+    if not 0 < fps <= _MOST_RATE * result.fps:
+        raise ValueError(f"fps must be positive and at most {_MOST_RATE * result.fps:g}, got {fps:g}")
     # The new frames lie within the result's own, but for rounding.
     known, slack = result.frame_numbers / result.fps, _SAME_TIME / result.fps
     numbers = np.arange(np.ceil((known[0] - slack) * fps), np.floor((known[-1] + slack) * fps) + 1).astype(int)

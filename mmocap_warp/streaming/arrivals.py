@@ -67,7 +67,7 @@ def arrivals(scenes: Sequence[Scene], scale: float, addresses: Sequence[str]) ->
     if len(addresses) == 1 and os.path.isdir(addresses[0]):
         return _growing(scenes, scale, Path(addresses[0]))
     if len(addresses) != len(names):
-        remedy = f"give --source once for each of {', '.join(names)}, in this order"
+        remedy = f"give --source once for each of {', '.join(names)}, in this order, or one folder or ZMQ address"
         raise InputError(addresses[0], f"is one of {len(addresses)} sources for {len(names)} cameras", remedy)
     return _from_cameras(scenes, scale, addresses)
 
@@ -215,7 +215,8 @@ def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
     remedy = f'send {{"frame": number, "time": seconds}} and an image of each of {names}'
     with zmq.Context() as context, context.socket(zmq.SUB) as socket:
         socket.subscribe(b"")
-        socket.connect(address)
+        with input_errors(address, "cannot be opened ({error})", "name it as tcp://HOST:PORT", zmq.ZMQError):
+            socket.connect(address)
         while True:
             parts = socket.recv_multipart()
             while socket.poll(0):  # only the newest counts

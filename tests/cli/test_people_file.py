@@ -79,6 +79,11 @@ def test_eval_judges_each(people, capsys):
     assert code == (console.OK if held else console.CHECK_FAILED)
 
 
+def test_a_truth_is_of_one_person(people, capsys):
+    assert main(["eval", str(people), "--truth", "truth.usdc"]) == console.USAGE
+    assert "give it with that person's result, of anna, Åse B., Cameras" in capsys.readouterr().err
+
+
 def test_one_glb_and_one_stage_hold_everybody(people, tmp_path):
     for name in ("all.glb", "all.usda"):
         assert main(["export", str(people), "-o", str(tmp_path / name)]) == 0

@@ -329,6 +329,16 @@ def test_masks_are_a_scene_that_tracks_alike(scene, result, tmp_path, capsys):
 
 
 @pytest.mark.nightly
+def test_masks_do_not_replace_what_they_are_made_of(scene, tmp_path, capsys):
+    folder = tmp_path / "copy"
+    shutil.copytree(scene.parent, folder)
+    before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    for output in (folder, folder / "masks", folder / "masks" / "cam01", folder / ".." / "copy"):
+        assert cli.main(["mask", str(folder), "-o", str(output), "--force"]) == console.BAD_INPUT
+        assert "holds the scene or masks that are read" in capsys.readouterr().err
+    assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
+
+
 def test_without_an_output_all_that_is_not_there_is_made(scene, tmp_path, capsys):
     shutil.copytree(scene.parent, tmp_path / "all", ignore=shutil.ignore_patterns("result*"))
     command = ("track", tmp_path / "all", "--evaluations", 12, "--frames", 2)

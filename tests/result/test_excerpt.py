@@ -64,10 +64,10 @@ def test_the_same_rate_gives_the_same_motion():
     np.testing.assert_array_equal(same.iou, result.iou)
 
 
-@pytest.mark.parametrize("fps", [0.0, -1.0, np.inf, np.nan])
+@pytest.mark.parametrize("fps", [0.0, -1.0, np.inf, np.nan, 6001.0])
 def test_a_rate_that_is_none(fps):
-    with pytest.raises(ValueError, match="fps must be positive"):
-        at_rate(synthetic_result(), fps)
+    with pytest.raises(ValueError, match="fps must be positive and at most 6000, got"):
+        at_rate(replace(synthetic_result(), fps=60.0), fps)
 
 
 def test_frames_of_uneven_steps_are_filled_in():

@@ -114,6 +114,8 @@ def test_who_is_tracked_is_not_said_twice(folder):
     (folder / "scene.toml").write_text(SCENE + PEOPLE)
     with pytest.raises(InputError, match="labels of people both say"):
         load_scene(folder, identity=1)
+    with pytest.raises(UsageError, match="this scene's have labels of people; person chooses"):
+        scene_from(load_scene(folder), identity=1)
 
 
 def test_a_result_finds_its_person_again(folder):

@@ -215,6 +215,15 @@ def test_pictures_are_subtracted_from_a_clean_plate_as_they_come(tmp_path, camer
 def test_sources_that_cannot_be(scene):
     with pytest.raises(InputError, match="2 sources for 3 cameras; give --source once for each of cam01, cam02"):
         arrivals([scene], 1.0, ["0", "1"])
+    with pytest.raises(InputError, match=r"typo: is one of 1 sources for 3 cameras; .* or one folder or ZMQ address"):
+        arrivals([scene], 1.0, ["typo"])
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1", "tcp://127.0.0.1:port"])
+def test_an_address_that_cannot_be_is_wrong_input(scene, address):
+    pytest.importorskip("zmq")
+    with pytest.raises(InputError, match=f"{address}: cannot be opened .*; name it as tcp://HOST:PORT"):
+        next(arrivals([scene], 1.0, [address]))
 
 
 def test_frames_that_a_program_publishes(scene):

@@ -75,9 +75,9 @@ class ViewOffset:
 class Synchronisation:
     """The time offsets of all cameras."""
 
-    fps: float  # of the scene's frames
-    views: dict[str, ViewOffset]  # by camera name
-    hull: bool | None  # whether the visual hull decided; None without a calibration, False where hulls could not decide
+    fps: float  #: of the scene's frames
+    views: dict[str, ViewOffset]  #: by camera name
+    hull: bool | None  #: whether the visual hull decided; None without a calibration, False where hulls could not
 
     @property
     def sure(self) -> bool:

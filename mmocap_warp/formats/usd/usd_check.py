@@ -28,7 +28,7 @@ def faults(path: str | Path) -> list[str]:
     """Every fault of a ``.usda``, ``.usdc`` or ``.usdz`` file, one line each; empty for a sound one."""
     path = Path(path)
     if not path.is_file():
-        raise InputError(path, "no such file", "check the path")
+        raise InputError(path, "is a folder" if path.is_dir() else "no such file", "name a file that is there")
     # Composing a stage opens all that it refers to: first, it must not be elsewhere.
     layer = Sdf.Layer.OpenAsAnonymous(str(path))
     try:

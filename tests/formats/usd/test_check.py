@@ -156,6 +156,8 @@ def test_usds_own_validators_run_too(tmp_path):
 def test_what_is_no_usd_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         faults(tmp_path / "a.usda")
+    with pytest.raises(InputError, match="is a folder"):
+        faults(tmp_path)
     (tmp_path / "a.usda").write_text("no USD")
     with pytest.raises(InputError, match="not a USD file"):
         faults(tmp_path / "a.usda")

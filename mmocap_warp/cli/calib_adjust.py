@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -38,8 +39,9 @@ _UNITS: dict[str, tuple[str, float]] = {
 def check(call: Any, loaded: Scene) -> Answer:
     result = call()
     overlaps = [None] * len(result.names) if result.overlap is None else result.overlap.tolist()
-    judged = list(zip(result.names, result.covered, overlaps, strict=True))
-    rows = [(name, f"{covered:.3f}", "" if iou is None else f"{iou:.3f}") for name, covered, iou in judged]
+    covered = [None if math.isnan(share) else share for share in result.covered]
+    judged = list(zip(result.names, covered, overlaps, strict=True))
+    rows = [(name, *("-" if share is None else f"{share:.3f}" for share in shares)) for name, *shares in judged]
     lines = [table([("camera", "covered by the others' hull", "IoU with the body"), *rows])]
     lines += [_finding_line(finding, result) for finding in result.findings]
     lines += [str(picture) for picture in result.pictures]

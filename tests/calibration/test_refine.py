@@ -111,6 +111,13 @@ def test_a_camera_alone_is_compared_with_nothing(tmp_path):
             compare(alone, BODY, CONFIG)
 
 
+@pytest.mark.filterwarnings("error")
+def test_two_cameras_start_from_where_they_are(tmp_path):
+    scene = write_scene(tmp_path, changed(RIG, planted(roll=0.12)), 2)
+    two = replace(scene, cameras=scene.cameras[1:3], calibrated=scene.calibrated.select(RIG.names[1:3]))
+    assert not Adjustment(two, BODY, CONFIG).start().any()
+
+
 def test_no_camera_of_a_sound_rig_disagrees(tmp_path):
     found = checked(tmp_path, planted())
     assert found.findings == ()

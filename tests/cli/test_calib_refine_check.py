@@ -141,3 +141,10 @@ def test_a_sound_rig_passes(scene: Path, capsys, monkeypatch) -> None:
     told = json.loads(capsys.readouterr().out)
     assert told["findings"] == []
     assert told["cameras"]["cam01"] == {"covered_by_the_others": 0.9, "iou": 0.8}
+
+
+def test_what_is_not_known_of_two_cameras_is_a_dash(scene: Path, capsys, monkeypatch) -> None:
+    none = CameraCheck(RIG.names, np.full(4, np.nan), None, (), 1.0)
+    monkeypatch.setattr(checking, "check", lambda scene, body, config, progress: none)
+    assert main(["calib", "check", str(scene), "--quiet"]) == OK
+    assert [*capsys.readouterr().out.split("\n")[1].split()] == ["cam01", "-", "-"]

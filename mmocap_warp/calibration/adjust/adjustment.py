@@ -90,7 +90,7 @@ class Adjustment:
         if self._stated_fixed is not None:
             sigma[self._stated_fixed] = 0.0
         observations = self.footage.observations(none[:, OFFSET])
-        if not sigma.any() or not observations:
+        if not sigma.any() or not observations or len(self.given) < 3:  # two views have no hull
             return none
         # The solution is taken only where the silhouettes' hulls agree better with it.
         solution = LandmarkProblem(self.given, landmarks(self.given, observations), self.footage.fps, sigma).solve()

@@ -41,39 +41,25 @@ class BodyModel:
     The zero pose is the bind pose. Joint ``j`` turns by ``Rz @ Ry @ Rx`` (x first) in its own frame:
     ``world[j] = world[parent] @ rest_local[j] @ (Rz Ry Rx)``, where ``rest_local`` follows from
     ``joint_rest`` and ``skeleton.frame``.
-
-    Attributes:
-        name: identifier, a valid USD prim name.
-        skeleton: the joints and their degrees of freedom.
-        joint_rest: (joint, 3) float32, joint centres in the bind pose [m].
-        skin: the full mesh (quads or triangles), for display and markers.
-        tracking_vertex: (tracking vertex,) int32, the full-mesh vertices that the tracking mesh keeps.
-        tracking_face: (tracking face, 3) int32, triangles over ``tracking_vertex``; closed.
-        shape_names: one per shape target, such as ``height_incr`` and ``height_decr``.
-        shape_vertex: (shape, vertex, 3) float32, displacement of the full mesh at weight 1 [m].
-        shape_joint: (shape, joint, 3) float32, displacement of the joint centres at weight 1 [m].
-        marker_names: named virtual markers on the skin.
-        marker_vertex: (marker,) int32, their full-mesh vertices.
-        attribution: where the shape comes from and under which licence.
-        rigid: whether bones' lengths, girths and scale are known, as a robot's are: only poses are solved for.
-        joint_sets: tables of further joint sets, texts by name; see :mod:`mmocap_warp.body.joint_sets`.
-        motion_poses: (pose, coordinate) float64, of the motions that came with it; None without any.
     """
 
-    name: str
-    skeleton: Skeleton
-    joint_rest: np.ndarray
-    skin: SkinMesh
-    tracking_vertex: np.ndarray
-    tracking_face: np.ndarray
-    shape_names: tuple[str, ...]
-    shape_vertex: np.ndarray
-    shape_joint: np.ndarray
-    marker_names: tuple[str, ...]
-    marker_vertex: np.ndarray
-    attribution: str
+    name: str  #: identifier, a valid USD prim name
+    skeleton: Skeleton  #: the joints and their degrees of freedom
+    joint_rest: np.ndarray  #: (joint, 3) float32, joint centres in the bind pose [m]
+    skin: SkinMesh  #: the full mesh (quads or triangles), for display and markers
+    tracking_vertex: np.ndarray  #: (tracking vertex,) int32, the full-mesh vertices that the tracking mesh keeps
+    tracking_face: np.ndarray  #: (tracking face, 3) int32, triangles over ``tracking_vertex``; closed
+    shape_names: tuple[str, ...]  #: one per shape target, such as ``height_incr`` and ``height_decr``
+    shape_vertex: np.ndarray  #: (shape, vertex, 3) float32, displacement of the full mesh at weight 1 [m]
+    shape_joint: np.ndarray  #: (shape, joint, 3) float32, displacement of the joint centres at weight 1 [m]
+    marker_names: tuple[str, ...]  #: named virtual markers on the skin
+    marker_vertex: np.ndarray  #: (marker,) int32, their full-mesh vertices
+    attribution: str  #: where the shape comes from and under which licence
+    #: whether bones' lengths, girths and scale are known, as a robot's are: only poses are solved for
     rigid: bool = False
+    #: tables of further joint sets, texts by name; see :mod:`mmocap_warp.body.joint_sets`
     joint_sets: Mapping[str, str] = field(default_factory=dict)
+    #: (pose, coordinate) float64, of the motions that came with it; None without any
     motion_poses: np.ndarray | None = None
 
     def __repr__(self) -> str:
@@ -171,20 +157,12 @@ class BodyModel:
 
 @dataclass(frozen=True)
 class Subject:
-    """A body fitted to a recording: what a tracking run starts from.
+    """A body fitted to a recording: what a tracking run starts from."""
 
-    Attributes:
-        body: the fitted body.
-        root_base: (3, 3) float64, world from body axes at zero root rotation: up axis and heading.
-        pose: (coordinate,) float64, the first frame's pose; its translation is the root joint's world position [m],
-            its angles are in radians.
-        provenance: how it was made (flat, strings and numbers).
-    """
-
-    body: BodyModel
-    root_base: np.ndarray
-    pose: np.ndarray
-    provenance: dict[str, str | float | int]
+    body: BodyModel  #: the fitted body
+    root_base: np.ndarray  #: (3, 3) float64, world from body axes at zero root rotation: up axis and heading
+    pose: np.ndarray  #: (coordinate,) float64 [m, rad], the first frame's; it begins with the root joint's place
+    provenance: dict[str, str | float | int]  #: how it was made
 
     def __repr__(self) -> str:
         measure, adjective = ("length", "long") if "body.length" in self.provenance else ("height", "tall")

@@ -83,25 +83,15 @@ class BodyInView:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CameraCheck:
-    """The result of a check.
+    """The result of a check."""
 
-    Attributes:
-        names: of the cameras.
-        covered: (camera,) share of each camera's silhouettes that the hull of the others covers.
-        overlap: (camera,) intersection over union of its masks and the tracked body; None where none was tracked.
-        findings: what is wrong, the worst first.
-        scale: of the images whose pixels the changes count.
-        views: of the cameras with small errors.
-        pictures: the files into which these views were drawn.
-    """
-
-    names: tuple[str, ...]
-    covered: np.ndarray
-    overlap: np.ndarray | None
-    findings: tuple[Finding, ...]
-    scale: float
-    views: tuple[BodyInView, ...] = ()
-    pictures: tuple[Path, ...] = ()
+    names: tuple[str, ...]  #: of the cameras
+    covered: np.ndarray  #: (camera,) share of each camera's silhouettes that the hull of the others covers
+    overlap: np.ndarray | None  #: (camera,) IoU of its masks and the tracked body; None where none was tracked
+    findings: tuple[Finding, ...]  #: what is wrong, the worst first
+    scale: float  #: of the images whose pixels the changes count
+    views: tuple[BodyInView, ...] = ()  #: of the cameras with small errors
+    pictures: tuple[Path, ...] = ()  #: the files into which these views were drawn
 
     def __repr__(self) -> str:
         wrong = ", ".join(f"{finding.camera} ({finding.cause})" for finding in self.findings)

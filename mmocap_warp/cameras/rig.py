@@ -26,28 +26,17 @@ _MAX_GROWTH = 4  # by which undistortion may enlarge or shrink a fisheye's image
 
 @dataclass(frozen=True)
 class CameraRig:
-    """Static calibrated cameras: ``x_cam = R @ X + t``, x right, y down, z forward, pixel centres at integers.
+    """Static calibrated cameras: ``x_cam = R @ X + t``, x right, y down, z forward, pixel centres at integers."""
 
-    Attributes:
-        names: one per camera.
-        K: (camera, 3, 3) float64, intrinsics [px]; their skew is undone with the lens.
-        R: (camera, 3, 3) float64, rotation, world to camera.
-        t: (camera, 3) float64, translation, world to camera [m].
-        size: (camera, 2) int, width and height [px].
-        distortion: (camera, 5) float64, OpenCV's k1 k2 p1 p2 k3, of a fisheye k1 k2 k3 k4 0; zero once images are
-            undistorted.
-        up: the world's up axis: ``+x``, ``-x``, ``+y``, ``-y``, ``+z`` or ``-z``.
-        fisheye: names of the cameras whose lens is a fisheye (:mod:`mmocap_warp.cameras.fisheye`).
-    """
-
-    names: tuple[str, ...]
-    K: np.ndarray
-    R: np.ndarray
-    t: np.ndarray
-    size: np.ndarray
+    names: tuple[str, ...]  #: one per camera
+    K: np.ndarray  #: (camera, 3, 3) float64, intrinsics [px]; their skew is undone with the lens
+    R: np.ndarray  #: (camera, 3, 3) float64, rotation, world to camera
+    t: np.ndarray  #: (camera, 3) float64, translation, world to camera [m]
+    size: np.ndarray  #: (camera, 2) int, width and height [px]
+    #: (camera, 5) float64, OpenCV's k1 k2 p1 p2 k3, of a fisheye k1 k2 k3 k4 0; zero once images are undistorted
     distortion: np.ndarray
-    up: str = "+z"
-    fisheye: tuple[str, ...] = ()
+    up: str = "+z"  #: the world's up axis: ``+x``, ``-x``, ``+y``, ``-y``, ``+z`` or ``-z``
+    fisheye: tuple[str, ...] = ()  #: cameras whose lens is a fisheye (:mod:`mmocap_warp.cameras.fisheye`)
 
     def __len__(self) -> int:
         return len(self.names)

@@ -46,6 +46,8 @@ def track(
     from mmocap_warp.commands.show import show_all
     from mmocap_warp.commands.track_people import everybody, file_of, track_each
 
+    if again and output is None:
+        raise UsageError("--again needs --output, the file of the new result")
     # Without an output all is made beside the scene, and what exists is not made again.
     whole, output = output is None, output or loaded.directory / "result.usdc"
     loaded = with_masks(loaded, console, effective(TrackConfig, loaded.settings("track"), given(settings)))
@@ -65,6 +67,8 @@ def track(
         answer = _report(console, scene, output, track_one(scene, output))
     files = {"result": output, **(show_all(output, console, force) if whole else {})}
     step = next_step("show", output) if people else answer.values["next"]
+    if whole and step == next_step("show", output):  # that is done
+        step = next_step("export", output, "-o", output.with_suffix(".glb"))
     values = {**answer.values, **files, "next": step}
     return Answer(values, [*files.values(), *answer.lines, f"next: {step}"], answer.code)
 
@@ -84,7 +88,10 @@ def _track(call: Any, console: Console, scene: Scene, output: Path, whole: bool,
     asked = (settings and settings.cameras) or "cameras" in scene.track
     if whole and not asked and tracked.config["cameras"] != REFINE and verdict(tracked)["cameras"]:
         console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
-        tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})
+        try:
+            tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})
+        except InputError as error:  # nobody has asked for them
+            console.warn(f"cameras stay as they are: {error}")
     return tracked
 
 

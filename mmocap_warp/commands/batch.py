@@ -142,6 +142,8 @@ class TrialWorker:
     def _done(self, job: Trial) -> Iterator[Advance | dict[str, Any]]:
         notes, started, settings, steps = _Notes(), time.perf_counter(), job.settings, dict[str, float]()
         scene, result, subject = load_scene(job.scenes[0]), job.folder / "result.usdc", None
+        if scene.people:
+            raise InputError(scene.path, "names several people, and a batch tracks one each", "use mmocap track for it")
         record: dict[str, Any] = {"name": job.name, "scene": str(scene.path), "notes": notes, "step_seconds": steps}
         for number, step in enumerate(job.steps):
             yield Advance(step, number, len(job.steps), 0)

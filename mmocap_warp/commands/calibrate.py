@@ -135,6 +135,8 @@ def sync(
     from mmocap_warp.calibration.sync.synchronise import synchronise
 
     loaded = scene_from(scene, frames, calibrated=False)
+    if loaded.named_frames is not None and loaded.stride != loaded.named_frames.step:
+        raise UsageError("--frames must be first:end or a count, since all frames in between are used")
     if loaded.calibration is not None and loaded.calibrated.placed:
         look_first(loaded, None, reporter or Reporter(), trust_cameras, to_be_mended=True)
     with (reporter or Reporter()).stage("sync") as progress:

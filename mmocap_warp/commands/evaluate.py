@@ -13,6 +13,7 @@ from mmocap_warp.commands.caller import Reporter, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_plots import plot_angles, plot_feet
+from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.result import evaluation
@@ -59,6 +60,7 @@ def evaluate(
     tracked = tracked.at(positions_of(tracked, frames))
     named_by, file, recorded = "scene" if truth is None and truth_axes is None else "truth", None, None
     if truth is None and (recorded := scene_of(tracked, path, scene, reporter)) is not None:
+        check_same_recording(tracked, recorded)
         recorded = replace(recorded, truth_axes=truth_axes or recorded.truth_axes)
         truth, file, truth_axes = truth_of(recorded), recorded.truth, recorded.truth_axes
     elif isinstance(truth, str | Path):
@@ -153,14 +155,16 @@ def measure(
     """
     tracked, _ = result_from(result)
     tracked = tracked.at(positions_of(tracked, frames))
+    if sex not in (None, "female", "male"):
+        raise UsageError(f"--sex must be female or male, got {sex}")
     if raw and tracked.raw_pose is None:
         raise UsageError("--raw needs a result that was smoothed; this one was not: leave --raw out")
-    folder = None if output is None else new_folder(output, force=force)
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     start_warp()
     measures = measure_all.measure(tracked, run, raw, sex, points)
-    if folder is None:
+    if output is None:
         return measures
+    folder = new_folder(output, force=force)
     written, shown = write_tables(folder, measures), measures.shown
     for name, plot, was_measured in (("angles", plot_angles, shown.angles), ("feet", plot_feet, shown.feet)):
         if was_measured:

@@ -204,6 +204,12 @@ def truth_of(scene: Scene | None) -> Truth | None:
     return load_truth(scene.truth, scene.truth_axes, scene.truth_first_frame)
 
 
+def keep_truth(output: Path | None, scene: Scene) -> None:
+    """See that an output is not the truth of its scene, as an InputError says."""
+    if output is not None and scene.truth is not None and output.resolve() == scene.truth.resolve():
+        raise InputError(output, "is the truth that the scene names", "write elsewhere")
+
+
 def _others(scene: Scene, source: CameraSource) -> str | None:
     """What a camera's masks show besides one person."""
     if source.masks is None:

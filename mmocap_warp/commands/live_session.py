@@ -40,19 +40,13 @@ _DELAYS = 10_000  # frames whose delays are reported: the last ones
 
 @dataclass(frozen=True)
 class LiveReport:
-    """What came of a live session.
+    """What came of a live session."""
 
-    Attributes:
-        frames: that were tracked.
-        dropped: that were left out, because a frame before took too long or they never came.
-        lost: of those tracked, in how many somebody was lost at once.
-        delay_ms: median, 99th percentile and most of the time from a frame's being seen to its packet being sent [ms],
-            of the last 10,000 frames; NaN where there was none.
-    """
-
-    frames: int = 0
-    dropped: int = 0
-    lost: int = 0
+    frames: int = 0  #: that were tracked
+    dropped: int = 0  #: that were left out, because a frame before took too long or they never came
+    lost: int = 0  #: of those tracked, in how many somebody was lost at once
+    #: median, 99th percentile and most of the time from a frame's being seen to its packet being sent [ms], of the last
+    #: 10,000 frames; NaN where there was none
     delay_ms: tuple[float, float, float] = (math.nan,) * 3
 
 
@@ -102,8 +96,8 @@ def live(
     chosen = track_settings(loaded, settings, config, seen=not source)
     if chosen.runs != 1:
         raise UsageError(f"--runs must be 1 to track live, got {chosen.runs}")
-    files = _files(None if record is None else Path(record), [*scenes], force, reporter)
     start_warp(chosen.device)
+    files = _files(None if record is None else Path(record), [*scenes], force, reporter)
     rig, rate = loaded.rig(chosen.scale), loaded.fps if source else loaded.rate
     subjects = {name: _subject(each, subject, bool(source), chosen, reporter) for name, each in scenes.items()}
     reporter.note(f"live: {describe(chosen, loaded.track, settings)}")

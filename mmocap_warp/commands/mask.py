@@ -96,11 +96,12 @@ def mask(
     refine, loaded = (None, loaded) if from_body is None else _around_body(loaded, from_body, scale)
     program = find_program("mediapipe" if with_ is None else with_, reporter.note) if by_program else None
     apart = _told_apart(loaded, scale=scale, device=device, threads=threads) if loaded.of_several else None
-    given = chain(*(source.masks.files for source in loaded.cameras if source.masks))
-    if Path(output).resolve() in map(Path.resolve, {loaded.path.parent, *chain(*(file.parents[:2] for file in given))}):
-        raise InputError(output, "holds the scene or masks that are read", "name another folder")
     unfinished = Path(output) / UNFINISHED
     folder = new_folder(output, force=force or (by_program and unfinished.is_dir()))
+    streams = (stream for source in loaded.cameras for stream in (source.masks, source.video) if stream)
+    given = chain(*(stream.files for stream in streams))
+    if folder.resolve() in map(Path.resolve, {loaded.path.parent, *chain(*(file.parents[:2] for file in given))}):
+        raise InputError(output, "holds the scene, or masks or videos that are read", "name another folder")
     images = None
     if program is not None:
         with reporter.stage("program", "masks") as progress:

@@ -19,10 +19,11 @@ from mmocap_warp.formats import table
 from mmocap_warp.formats.exports.rigs import with_rig
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 from mmocap_warp.formats.usd.usd_people import results_in
 from mmocap_warp.formats.usd.usd_result import holds_result
 from mmocap_warp.result.evaluation import iou_by_camera
-from mmocap_warp.result.excerpt import at_rate, before_smoothing, of_run, stood_up
+from mmocap_warp.result.excerpt import at_rate, before_smoothing, evenly, of_run, stood_up
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.result.verdict import verdict
@@ -123,9 +124,13 @@ def _others(
 ) -> list[tuple[Result, Scene | None]]:
     """Results beside one of the same frames, each with the scene of its person."""
     others = [(other, scene_of(other, file, scene, reporter)) for other, file in map(result_from, beside)]
-    if any(other.frame_numbers.tolist() != result.frame_numbers.tolist() for other, _ in others):
-        raise UsageError("--beside needs results of the same frames")
+    if any(_seen_by(other) != _seen_by(result) for other, _ in others):
+        raise UsageError("--beside needs results of the same frames and cameras")
     return others
+
+
+def _seen_by(result: Result) -> tuple[list[int], tuple[str, ...]]:
+    return result.frame_numbers.tolist(), result.cameras.names
 
 
 def show_all(result: Path, reporter: Reporter, force: bool) -> dict[str, Path]:
@@ -315,6 +320,8 @@ def export(
     new_file(output, *table.EXPORT_SUFFIXES, force=True)
     format = table.format_of(table.EXPORTS, output)
     # Another vertical than the format's, or points in a format without.
+    if up not in (None, "y", "z"):
+        raise UsageError(f"--up must be y or z, got {up}")
     if up is not None and format.up not in (None, f"+{up}"):
         raise UsageError(f"--up {up} cannot be: {format} is always {format.up[1:]} up; leave --up out")
     if bake and not any(cache.matches(output) for cache in table.POINT_CACHES):
@@ -327,6 +334,8 @@ def export(
     if joint_set != RIG and not format.takes_joint_set:
         fitting = ", ".join(ending for each in table.EXPORTS if each.takes_joint_set for ending in each.suffixes)
         raise UsageError(f"--joint-set cannot be in {output.suffix}; end the output in one of {fitting}")
+    if joint_set != RIG and rig is not None:
+        raise UsageError("--joint-set goes by the body's own joints and skin: leave it or --rig out")
     people: dict[str, Any] = {**results_in(result)} if isinstance(result, str | Path) else {}
     together = bool(people) and run is None and not bake and output.suffix.lower() in format.people
     parts: dict[Path, dict[str, tuple[Result, int]]] = {}  # of each file, its people and their runs
@@ -336,7 +345,7 @@ def export(
         for file, number in _files(own, run, len(tracked.pose), tracked.best_run).items():
             parts.setdefault(file, {})[name] = tracked, number
     for file in parts:
-        if isinstance(result, str | Path) and file.resolve() == Path(result).resolve():
+        if isinstance(result, str | Path) and file.resolve() in map(Path.resolve, (Path(result), *people.values())):
             raise InputError(file, "is the result, of which an animation keeps less", "write elsewhere")
         new_file(file, *table.EXPORT_SUFFIXES, force=force)
     start_warp()
@@ -345,7 +354,11 @@ def export(
         chosen, (tracked, _) = next(iter(of_file.values())), next(iter(part.values()))
         points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
         table.export(of_file if together else chosen, file, table.POINT_CACHES if bake else table.EXPORTS, points)
-    return Export(tuple(parts), len(chosen.frame_numbers), chosen.rate, format.up or chosen.cameras.up)
+    # USD keeps uneven frames, and a world that is upright along y or z.
+    is_usd, own_up = output.suffix.lower() in (*USD_SUFFIXES, ".usdz"), chosen.cameras.up
+    frame_count = len((chosen if is_usd else evenly(chosen)).frame_numbers)
+    written_up = "+z" if is_usd and own_up not in ("+y", "+z") else own_up
+    return Export(tuple(parts), frame_count, chosen.rate, format.up or written_up)
 
 
 def _files(output: Path, run: int | str | None, runs: int, best: int) -> dict[Path, int]:

@@ -168,6 +168,8 @@ def report_study(
     """
     reporter = reporter or Reporter()
     folders = [Path(each) for each in ([results] if isinstance(results, str | Path) else results)]
+    if not folders:
+        raise UsageError("--results names no folder")
     page = new_file(output, ".html", force=force)
     tables = new_file(page.with_name("tables.md"), ".md", force=force)
     cells = new_file(page.with_name("results.csv"), ".csv", force=force)

@@ -29,6 +29,7 @@ from mmocap_warp.rigging.shipped import DEFAULT_BODY, body_file
 from mmocap_warp.rigging.start_poses import start_poses as named_start_poses
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking import frame_loop, mending
+from mmocap_warp.tracking.checkpoint import asked_for
 from mmocap_warp.tracking.pins import Pins, read_pins
 from mmocap_warp.tracking.track_config import REFINE, TrackConfig
 
@@ -87,6 +88,7 @@ def fit(
     if isinstance(frames, int):
         settings, frames = settings | {"frames": frames}, None
     loaded = inputs.one_person(inputs.scene_from(scene, frames, identity, reporter, person=person))
+    inputs.keep_truth(file, loaded)
     chosen = effective(FitConfig, loaded.settings("fit"), settings, config)
     generic, poses = inputs.body_from(body, loaded), _start_poses(start_poses, body, loaded)
     start_warp(chosen.device)
@@ -213,23 +215,20 @@ def track(
     subject, body = _starts_from(subject, body)
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
     loaded = inputs.one_person(inputs.scene_from(scene, frames, identity, reporter, person=person))
+    inputs.keep_truth(file, loaded)
     if again is not None:
         return _again(loaded, again, pins, config, file, reporter, settings)
     loaded = with_masks(loaded, reporter, effective(TrackConfig, loaded.settings("track"), settings, config))
     chosen = inputs.track_settings(loaded, settings, config)
+    effective(FitConfig, loaded.settings("fit"), {})  # though nothing may be fitted
     inputs.truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}
 
     start_warp(chosen.device)
-    # An interrupted run, or one that is complete.
     checkpoint = None if file is None else file.with_name(f"{file.name}.checkpoint")
-    if checkpoint is not None and file is not None:
-        if resume and file.exists() and not checkpoint.exists():
-            reporter.note(f"{file} is complete")
-            return read_result(file)
-        if checkpoint.exists() and not (resume or force):
-            remedy = "continue it with --resume, or --force a new one"
-            raise InputError(checkpoint, "an interrupted run lies here", remedy)
+    if checkpoint is not None and checkpoint.exists() and not (resume or force):
+        remedy = "continue it with --resume, or --force a new one"
+        raise InputError(checkpoint, "an interrupted run lies here", remedy)
     # What cannot be is an error before a fit of minutes.
     loaded.rig(chosen.scale)
     spans = spans_of(loaded, pieces)
@@ -238,11 +237,17 @@ def track(
     kept = None if file is None else file.with_name(f"{file.stem}.subject.usdc")
     if subject is None and body is None:
         subject = loaded.subject
-    if subject is None and resume and kept is not None and kept.exists():
-        subject = kept
     if isinstance(subject, str | Path):
         subject = read_subject(subject)
     generic = inputs.body_from(body, loaded) if subject is None else subject.body
+    _check_model(generic, loaded, chosen, given)
+    named = subject or Subject(generic, np.eye(3), np.zeros(generic.skeleton.coordinates), {})
+    asked = {} if file is None else {"asked": asked_for(loaded, named, chosen)}
+    if resume and file is not None and file.exists() and not (checkpoint and checkpoint.exists()):
+        return _complete(file, asked["asked"], reporter)
+    if subject is None and resume and kept is not None and kept.exists():
+        subject = read_subject(kept)
+        generic = subject.body
     refines = chosen.cameras == REFINE
     trusted = inputs.look_first(loaded, generic, reporter, trust_cameras, start=subject, to_be_mended=refines)
     if refines:
@@ -263,12 +268,22 @@ def track(
         tracked = track_in_pieces(loaded, start, chosen, spans, reporter, checkpoint, **resumption)
     else:
         tracked = _tracked(loaded, start, chosen, reporter, checkpoint=checkpoint, **resumption)
-    tracked = replace(tracked, config=tracked.config | inputs.scene_reference(loaded, file) | trusted)
+    tracked = replace(tracked, config=tracked.config | inputs.scene_reference(loaded, file) | trusted | asked)
     if file is not None and checkpoint is not None:
         write_result(file, tracked)
         for each in checkpoints(checkpoint, pieces):
             each.unlink(missing_ok=True)
     return tracked
+
+
+def _complete(file: Path, asked: str, reporter: Reporter) -> Result:
+    """The result that is there; an InputError if something else was ``asked`` for then."""
+    done = read_result(file)
+    if done.config.get("asked", asked) != asked:  # versions before 30 November 2026 do not say
+        problem = "is of other frames, settings, cameras or masks than are asked for now, or of another subject or body"
+        raise InputError(file, problem, "replace it with --force, or write elsewhere")
+    reporter.note(f"{file} is complete")
+    return done
 
 
 def _again(
@@ -292,7 +307,8 @@ def _again(
     chosen = [position for position, number in enumerate(numbers) if number in loaded.frames]
     span = range(chosen[0], chosen[-1] + 1) if 0 < len(chosen) < len(numbers) else None
     if span is None and pins is None:
-        raise UsageError("--again needs --pins, or --frames first:end, to say which frames are solved anew")
+        some = f"some but not all of the result's {inputs.span(numbers)}"
+        raise UsageError(f"--again needs --pins, or --frames first:end, {some}, to say which are solved anew")
 
     # The run's settings are those of the result; where it is done may be another place.
     fields = set(vars(TrackConfig())) - {"device", "threads"}
@@ -338,13 +354,13 @@ def _refined(
 
     kept = None if output is None else output.with_name(f"{output.stem}.calibration.toml")
     rig, offsets = scene.calibrated, dict[str, float]()
-    if kept is not None and not resume:
-        kept.unlink(missing_ok=True)
-    if not begun and not (kept is not None and kept.exists()):
+    if not begun and not (resume and kept is not None and kept.exists()):
         adjust = AdjustConfig(seed=config.seed, device=config.device, threads=config.threads, subject=subject)
         found = refine_scene(scene, body, adjust, kept, reporter)
         if found.better:
             rig, offsets = found.rig, found.offsets(scene)
+        elif kept is not None:
+            kept.unlink(missing_ok=True)
     # What was written is read back, so that a resumed run has the same cameras to the last bit.
     if kept is not None and kept.exists():
         rig = read_calibration(kept, None, scene.calibrated.up, None).select(scene.calibrated.names)

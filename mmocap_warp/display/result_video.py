@@ -17,7 +17,7 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.display.overlay import INK, Look, ViewedBody, Window, draw_view, legend, plain, text_width, write_text
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.image_files import WebmFile, write_animation, write_png
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.scene.frame_choice import read_ahead
@@ -144,7 +144,7 @@ def overlay(
     """
     names = result.cameras.names
     if camera not in (*names, *range(len(names))):
-        raise ValueError(f"camera must be one of {list(names)} or a number below {len(names)}, got {camera!r}")
+        raise UsageError(f"--camera must be one of {list(names)} or a number below {len(names)}, got {camera!r}")
     count, (first, last) = len(result.frame_numbers), result.frame_numbers[[0, -1]].tolist()
     if not -count <= frame < count:
         raise IndexError(f"frame must be 0 to {count - 1}, for the recording's {first} to {last}, got {frame}")

@@ -42,49 +42,32 @@ class FrameAnswer:
 class Result:
     """Poses of every frame of every run, with what is needed to evaluate and repeat them.
 
-    Attributes:
-        subject: the body that was tracked; its pose is where tracking started.
-        cameras: the rig, undistorted, at the scale that was tracked.
-        fps: frames per second of the recording.
-        frame_numbers: (frame,) int, the recording's own frame numbers.
-        pose: (run, frame, coordinate) float64, poses: the answer, smoothed where the track was.
-        cost: (run, frame) float64, cost of the best pose; NaN where no view shows anything.
-        iou: (run, frame, camera) float64, intersection over union; NaN for a lost view.
-        evaluations: (run, frame) int64, evaluations spent.
-        status: (run, frame) int8, index into ``STATUS``.
-        seconds: wall-clock time of the search, images left out [s].
-        config: the full configuration as JSON-compatible values; ``config["seed"]`` is the first run's seed.
-        versions: package versions and device.
-        raw_pose: like ``pose``, the track before it was smoothed; None if it was not.
-        angle_sigma: like ``pose``, standard deviation of each coordinate [m, rad], NaN where it is unknown; None if
-            the tracker does not give it.
-        joint_sigma: (run, frame, joint, 3) float64, standard deviation of each joint's place along the world's axes
-            [m]; likewise.
-        view_shift: (run, frame, camera) float64, by how far a view's masks lie beside the body as a whole [m], NaN
-            where nothing of it is seen; None where that was not looked at.
-        left_out_before: how many frames of the track were before the first, where this is a part of it.
-
     Raises:
         ValueError: no frame, frame numbers that do not ascend, or arrays whose shapes disagree.
     """
 
-    subject: Subject
-    cameras: CameraRig
-    fps: float
-    frame_numbers: np.ndarray
-    pose: np.ndarray
-    cost: np.ndarray
-    iou: np.ndarray
-    evaluations: np.ndarray
-    status: np.ndarray
-    seconds: float
-    config: dict
-    versions: dict[str, str]
-    raw_pose: np.ndarray | None = None
+    subject: Subject  #: the body that was tracked; its pose is where tracking started
+    cameras: CameraRig  #: the rig, undistorted, at the scale that was tracked
+    fps: float  #: frames per second of the recording
+    frame_numbers: np.ndarray  #: (frame,) int, the recording's own frame numbers
+    pose: np.ndarray  #: (run, frame, coordinate) float64, poses: the answer, smoothed where the track was
+    cost: np.ndarray  #: (run, frame) float64, cost of the best pose; NaN where no view shows anything
+    iou: np.ndarray  #: (run, frame, camera) float64, intersection over union; NaN for a lost view
+    evaluations: np.ndarray  #: (run, frame) int64, evaluations spent
+    status: np.ndarray  #: (run, frame) int8, index into ``STATUS``
+    seconds: float  #: wall-clock time of the search, images left out [s]
+    config: dict  #: all settings as JSON-compatible values; ``config["seed"]`` is the first run's seed
+    versions: dict[str, str]  #: package versions and device
+    raw_pose: np.ndarray | None = None  #: like ``pose``, the track before it was smoothed; None if it was not
+    #: like ``pose``, standard deviation of each coordinate [m, rad], NaN where it is unknown; None if the tracker does
+    #: not give it
     angle_sigma: np.ndarray | None = None
+    #: (run, frame, joint, 3) float64, standard deviation of each joint's place along the world's axes [m]; likewise
     joint_sigma: np.ndarray | None = None
+    #: (run, frame, camera) float64, by how far a view's masks lie beside the body as a whole [m], NaN where nothing of
+    #: it is seen; None where that was not looked at
     view_shift: np.ndarray | None = None
-    left_out_before: int = 0
+    left_out_before: int = 0  #: how many frames of the track were before the first, where this is a part of it
 
     def __repr__(self) -> str:
         first, last = self.frame_numbers[[0, -1]].tolist()
@@ -186,5 +169,5 @@ class Result:
             IndexError: no such run or frame.
         """
         pose = self.pose[self.best_run if run is None else run]
-        chosen = pose if frames is None else pose[np.asarray(frames, int)]
+        chosen = pose if frames is None else pose[np.atleast_1d(np.asarray(frames, int))]
         return skin_positions(self.subject, chosen, np.arange(len(self.subject.body.skin.rest)))

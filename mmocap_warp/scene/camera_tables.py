@@ -229,7 +229,11 @@ def write_timing(path: Path, timing: Mapping[str, Mapping[str, float]]) -> None:
     except tomllib.TOMLDecodeError:
         is_expected = False
     if not is_expected:
-        raise InputError(path, "is written in a way that cannot be changed safely", "put the lines there by hand")
+        raise InputError(
+            path,
+            "is written in a way that cannot be changed safely",
+            "leave --write out, and put the lines there by hand",
+        )
     end = "\r\n" if b"\r\n" in path.read_bytes() else "\n"  # reading took either for \n
     write_whole(path, changed.replace("\n", end).encode())
 

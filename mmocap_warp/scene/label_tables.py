@@ -62,6 +62,8 @@ def read_people(
         if not all(len(of_camera) == 1 for of_camera in labels):
             raise table.error("label is not one number for each camera", "give label = 1, or label = { cam1 = 1, ... }")
         own = tuple(of_camera[0] for of_camera in labels)
+        if any(label in (source.label, *source.in_front) for label, source in zip(own, sources, strict=True)):
+            raise table.error(f"'{name}' has a label of [labels]", "leave it out of one of them")
         for other, person in people.items():
             if any(a == b for a, b in zip(own, person.labels, strict=True)):
                 raise table.error(f"'{name}' and '{other}' have the same label", "give each person its own")

@@ -59,6 +59,8 @@ def write_masks(
     with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
         for each in folders:
             each.mkdir(parents=True, exist_ok=True)
+            for earlier in each.glob("[0-9]" * 6 + ".png"):  # which may be of other frames
+                earlier.unlink()
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, each in enumerate(folders):  # before any mask, so that none is ever without
         mask_mark(scene, k, scale, repaired=bool(make_consistent)).write(each)

@@ -59,56 +59,33 @@ class Scene:
     """A recording, or the part of it that is to be tracked. A camera whose shifted frame does not exist is lost there.
 
     Methods that take ``first`` and ``count`` count frames of that part; :attr:`frames` has the recording's numbers.
-
-    Attributes:
-        path: the scene file.
-        name: for people.
-        fps: frames per second of the recording.
-        frame_count: number of frames that are to be tracked, the same for all cameras.
-        calibrated: the rig as calibrated (refined centres applied), with distortion, at full size.
-        cameras: in the rig's order.
-        foreground: how masks are made.
-        subject: a fitted subject, or None.
-        body: a body file, or the name of a shipped body, or None.
-        truth: reference joints or a result to compare with, or None.
-        truth_axes: which axes of the truth file are the world's x, y, z, such as ``zxy``.
-        truth_first_frame: the number of the first row of a ``.trc``, counted at its rate from the recording's start.
-        track: settings of the tracker, as written.
-        fit: settings of the first-frame fit, as written.
-        first_frame: the recording's number of the first of them.
-        stride: every how many-th of the recording's frames is one of them.
-        calibration: the calibration's file or folder; None where there is none, and ``calibrated`` says nothing.
-        units: of its lengths, as the scene says; None where it does not.
-        named_frames: the frames that the scene file names, whose subtracted masks are kept; None for ``frames``.
-        attached: what the body carries.
-        people: who is labelled in the masks, by name; empty where the scene has no such table.
-        person: the name of the one of them who is tracked; empty where none is chosen.
-        told_apart: whether poses told these people apart.
     """
 
-    path: Path
-    name: str
-    fps: float
-    frame_count: int
-    calibrated: CameraRig
-    cameras: tuple[CameraSource, ...]
-    foreground: ForegroundSettings
-    subject: Path | None = None
-    body: str | Path | None = None
-    truth: Path | None = None
-    truth_axes: str = "xyz"
-    truth_first_frame: int = 0
-    track: dict[str, Any] = field(default_factory=dict)
-    fit: dict[str, Any] = field(default_factory=dict)
-    first_frame: int = 0
-    stride: int = 1
-    calibration: Path | None = None
-    units: str | None = None
+    path: Path  #: the scene file
+    name: str  #: for people
+    fps: float  #: frames per second of the recording
+    frame_count: int  #: number of frames that are to be tracked, the same for all cameras
+    calibrated: CameraRig  #: the rig as calibrated (refined centres applied), with distortion, at full size
+    cameras: tuple[CameraSource, ...]  #: in the rig's order
+    foreground: ForegroundSettings  #: how masks are made
+    subject: Path | None = None  #: a fitted subject, or None
+    body: str | Path | None = None  #: a body file, or the name of a shipped body, or None
+    truth: Path | None = None  #: reference joints or a result to compare with, or None
+    truth_axes: str = "xyz"  #: which axes of the truth file are the world's x, y, z, such as ``zxy``
+    truth_first_frame: int = 0  #: number of the first row of a ``.trc``, counted at its rate from the recording's start
+    track: dict[str, Any] = field(default_factory=dict)  #: settings of the tracker, as written
+    fit: dict[str, Any] = field(default_factory=dict)  #: settings of the first-frame fit, as written
+    first_frame: int = 0  #: the recording's number of the first of the frames
+    stride: int = 1  #: every how many-th of the recording's frames is one of them
+    calibration: Path | None = None  #: its file or folder; None where there is none, and ``calibrated`` says nothing
+    units: str | None = None  #: of the calibration's lengths, as the scene says; None where it does not
+    #: the frames that the scene file names, whose subtracted masks are kept; None for ``frames``
     named_frames: range | None = None
-    attached: tuple[Attachment, ...] = ()
+    attached: tuple[Attachment, ...] = ()  #: what the body carries
+    #: who is labelled in the masks, by name; empty where the scene has no such table
     people: dict[str, Person] = field(default_factory=dict)
-    person: str = ""
-    told_apart: bool = False
+    person: str = ""  #: the name of the one of them who is tracked; empty where none is chosen
+    told_apart: bool = False  #: whether poses told these people apart
 
     def __repr__(self) -> str:
         names = ", ".join(self.calibrated.names)

@@ -310,7 +310,7 @@ def _frames(
     try:
         own = named.of(range(shortest), shortest)
     except ValueError as error:
-        raise table.error(f"{error} ({listed})", "give fewer frames") from None
+        raise table.error(f"{error} ({listed})", "name frames that are there") from None
     frames = own if asked is None else choice.of(own, shortest)
     for source in sources:
         if source.mask_mark is None and abs(source.frame_offset) >= shortest:

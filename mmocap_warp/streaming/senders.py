@@ -82,7 +82,9 @@ def open_sender(address: str, people: Mapping[str, Subject], rig: CameraRig, fps
         return _Zmq(address)
     if parts.scheme == "ws" and port:
         return _Web(address, host, port, people, rig)
-    if parts.scheme == "vmc" and port:  # a listener knows one body: the next has the next port
+    if (
+        parts.scheme == "vmc" and port and parts.query in ("", "smooth")
+    ):  # a listener knows one body: the next has the next port
         ports = zip(count(port), people.items())
         return _Each({name: _Vmc(address, host, own, subject, rig.up) for own, (name, subject) in ports})
     if parts.scheme == "lsl" and parts.netloc:

@@ -51,14 +51,17 @@ class Lead(NamedTuple):
 
 
 def leads(study: StudySummary, sequences: Iterable[str]) -> list[Lead]:
-    """The first of our trackers against the best of the grid at the largest budget that the sequence was tracked with.
+    """The best of our trackers against the best of the grid at the largest budget that the sequence was tracked with.
 
     The best of all models; empty without a tracker of ours.
     """
     main, found = study.measures[0], []
+    if not study.others:
+        return []
+    ours = min(study.others, key=lambda who: np.nan_to_num(main.sign * study.level(who, main), nan=np.inf))
     mine = [cell for cell in study.cells if cell.preset == study.preset and cell.algorithm in study.algorithms]
-    for sequence in sequences if study.others else ():
-        ours, rivals = study.others[0], [contender(cell) for cell in mine if cell.sequence == sequence]
+    for sequence in sequences:
+        rivals = [contender(cell) for cell in mine if cell.sequence == sequence]
         most = max((who.evaluations for who in rivals), default=0)
         error = study.level(ours, main, [sequence])
         levels = {who: study.level(who, main, [sequence]) for who in rivals if who.evaluations == most}

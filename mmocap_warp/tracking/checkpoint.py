@@ -11,6 +11,7 @@ import time
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -55,7 +56,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
     labels = [(camera.label, camera.in_front) for camera in scene.cameras]
     # What masks are made of, in order, and what is subtracted from it.
     sources = [camera.files_for(scene.foreground.source) for camera in scene.cameras]
-    images = [[[content_hash(file) for file in files] for files in source] for source in sources]
+    images = [[[_hashed(file, _changed_at(file)) for file in files] for files in source] for source in sources]
     labelled = {"labels": _digest(labels)} if any(label or others for label, others in labels) else {}
     return {
         "version": __version__,
@@ -71,6 +72,23 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
         **labelled,
         **{f"foreground.{name}": value for name, value in asdict(scene.foreground).items()},
     }
+
+
+def asked_for(scene: Scene, subject: Subject, config: TrackConfig) -> str:
+    """A hash of all that a run is asked for, by whatever version of the program, and wherever it is done."""
+    identity = run_identity(scene, subject, config)
+    return _digest({name: value for name, value in identity.items() if name not in (*_CODE, "device")})
+
+
+def _changed_at(file: Path) -> tuple[int, ...]:
+    """When a file was changed; the second of the times cannot be set to another one."""
+    return (os.stat(file).st_mtime_ns, os.stat(file).st_ctime_ns) if os.path.exists(file) else ()
+
+
+@lru_cache(100_000)
+def _hashed(file: Path, changed_at: tuple[int, ...]) -> bytes:
+    """The hash of a file as it has been since it was changed; it is read once."""
+    return content_hash(file)
 
 
 def _digest(thing: object) -> str:

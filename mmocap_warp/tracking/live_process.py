@@ -57,11 +57,12 @@ class LiveProcess:
         self.count = len(people)
         context = multiprocessing.get_context("spawn")  # a fork would not survive CUDA
         self._line, other_end = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other_end, people))
+        self._process = context.Process(target=_serve, args=(other_end,))
         self._process.start()
         other_end.close()
         # Threads, since Ctrl-C could interrupt a message. What is sent is answered in turn.
         self._sending, self._receiving = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._sending.submit(self._line.send, people)
 
     def wait(self) -> None:
         """Wait until the trackers are made."""
@@ -97,12 +98,12 @@ class LiveProcess:
         return answer
 
 
-def _serve(line: Any, people: Sequence[tuple[Any, ...]]) -> None:
-    """Track the frames that come on a line, up to a None, until its other end is gone."""
+def _serve(line: Any) -> None:
+    """Track the people and then the frames that come on a line, up to a None, until its other end is gone."""
     start_beside()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError), ExitStack() as stack:
         try:
-            smoother = stack.enter_context(closing(SmoothingProcess(people)))
+            smoother = stack.enter_context(closing(SmoothingProcess(people := line.recv())))
             trackers = [LiveTracker(*about, smoothed_by=(smoother, n)) for n, about in enumerate(people)]
             gc.collect()
             gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing

@@ -134,8 +134,9 @@ class SmoothingProcess:
         self._frames = context.Queue(_MOST_BEHIND * len(people))
         self._frames.cancel_join_thread()  # else what nobody takes any more would keep this process from ending
         self._solved = [context.Queue() for _ in people]
-        self._process = context.Process(target=_smooth, args=(self._frames, self._solved, people), daemon=True)
+        self._process = context.Process(target=_smooth, args=(self._frames, self._solved), daemon=True)
         self._process.start()
+        self._frames.put(people)  # to start with them would wait without an end for a process that cannot start
 
     def close(self) -> None:
         """End the process."""
@@ -175,12 +176,12 @@ def start_beside() -> None:
     start_quietly()
 
 
-def _smooth(frames: Any, solved: Any, people: Sequence[tuple[Any, ...]]) -> None:
-    """Smooth frames as they are handed on, until the parent is gone; after a person's last frame comes a None."""
+def _smooth(frames: Any, solved: Any) -> None:
+    """Smooth people's frames as they are handed on, until the parent is gone; after a last frame comes a None."""
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
     start_beside()
-    smoothers = [_Smoother(*about) for about in people]
+    smoothers = [_Smoother(*about) for about in frames.get()]
     while (parent := multiprocessing.parent_process()) and parent.is_alive():
         with suppress(queue.Empty):
             person, *frame = frames.get(timeout=_PATIENCE)

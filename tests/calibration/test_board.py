@@ -127,7 +127,13 @@ def test_the_drawing_is_printed_and_wrong_boards_are_refused(
     drawing = (tmp_path / "b.svg").read_text()
     assert 'width="220mm"' in drawing
     assert "print at 100 %: this ruler must measure 100 mm" in drawing
-    for text, words in (("charuco:5x7", "board must be such as"), ("chessboard:5x7:40mm", "turned by half")):
+    wrong = {
+        "charuco:5x7": "board must be such as",
+        "chessboard:5x7:40mm": "turned by half",
+        "charuco:30x40:40mm:30mm:4x4_50": "name a larger one, such as charuco:30x40:40mm:30mm:4x4_1000",
+        "charuco:50x70:40mm:30mm:4x4_50": "4x4_50; take fewer squares",
+    }
+    for text, words in wrong.items():
         assert main(["calib", "print-board", text, "-o", str(tmp_path / "c.svg")]) == USAGE
         assert words in capsys.readouterr().err
 

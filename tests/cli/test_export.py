@@ -11,6 +11,7 @@ import pytest
 from pxr import Usd
 from synthetic import synthetic_result
 
+import mmocap_warp as mm
 from mmocap_warp import cli
 from mmocap_warp.cli import console
 from mmocap_warp.formats.exports.rigs import RIGS
@@ -113,9 +114,13 @@ def test_a_rig_has_its_own_names_and_the_same_motion(rig, file, smoothed, capsys
     ("flags", "words"),
     [
         (["-o", "a.bvh", "--up", "z"], "--up z cannot be: BVH (.bvh) is always y up"),
+        (
+            ["-o", "a.csv", "--rig", "mixamo", "--joint-set", "isb"],
+            "--joint-set goes by the body's own joints and skin",
+        ),
         (["-o", "a.bvh", "--bake"], "--bake cannot write .bvh; end the output in USD point cache (.usda, .usdc"),
         (["-o", "a.bvh", "--run", "2"], '--run = 2 is neither "all" nor a run of this result, 0 to 1'),
-        (["-o", "a.bvh", "--fps", "0"], "--fps must be positive, got 0"),
+        (["-o", "a.bvh", "--fps", "0"], "--fps must be positive and at most 5994, got 0"),
         (["-o", "a.bvh", "--fps", "1", "--frames", "11:12"], "has no frame in the 0 s of the result"),
         (["-o", "a.bvh", "--frames", "90:95"], "holds none of the result's frames, 10 to 21"),
     ],
@@ -125,6 +130,20 @@ def test_what_cannot_be_exported(file, capsys, monkeypatch, flags, words):
     assert cli.main(["export", str(file), *flags]) == console.USAGE
     assert words in capsys.readouterr().err
     assert [path.name for path in file.parent.iterdir()] == [file.name]
+
+
+@pytest.mark.parametrize(
+    ("up", "name", "frames", "told"),
+    [("-y", "a.usda", 5, "+z"), ("+y", "a.usda", 5, "+y"), ("-y", "a.csv", 10, "-y")],
+)
+def test_what_was_written_is_told(up, name, frames, told, tmp_path, smoothed):
+    uneven = stood_up(smoothed, up).at([0, 1, 3, 4, 9])
+    written = mm.export(uneven, tmp_path / name)
+    assert (written.frames, written.up) == (frames, told)
+    if name == "a.usda":
+        assert f'upAxis = "{told[1].upper()}"' in (tmp_path / name).read_text()
+    with pytest.raises(mm.UsageError, match="up must be y or z, got x"):
+        mm.export(uneven, tmp_path / "b.usda", up="x")
 
 
 def test_a_track_that_was_not_smoothed_has_no_other(tmp_path, capsys):

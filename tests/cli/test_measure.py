@@ -8,6 +8,7 @@ import pytest
 from measured import answer, made_walk
 from other_bodies import quadruped
 
+import mmocap_warp as mm
 from mmocap_warp import cli
 from mmocap_warp.cli import console
 from mmocap_warp.formats.usd.usd_result import write_result
@@ -53,6 +54,11 @@ def test_one_run_the_raw_track_some_frames(results, capsys):
     values = json.loads(capsys.readouterr().out)
     assert [run["run"] for run in values["per_run"]] == [1]
     assert (values["frames"], values["track"]) == (20, "raw")
+
+
+def test_a_sex_that_there_is_not(results):
+    with pytest.raises(mm.UsageError, match="sex must be female or male, got Female"):
+        mm.measure(results / "walk.usdc", sex="Female")
 
 
 @pytest.mark.parametrize(

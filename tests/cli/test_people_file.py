@@ -102,6 +102,24 @@ def test_one_glb_and_one_stage_hold_everybody(people, tmp_path):
     assert faults(tmp_path / "all.usda") == []
 
 
+def test_nobodys_result_is_replaced(people, tmp_path, capsys):
+    before = {file: file.read_bytes() for file in people.parent.iterdir()}
+    for output, flags in ((people, ()), (people, ("--run", "0")), (people.with_name("both.anna.usdc"), ())):
+        assert main(["export", str(people), "-o", str(output), *flags, "--force"]) == console.BAD_INPUT
+        assert "is the result, of which an animation keeps less" in capsys.readouterr().err
+    assert {file: file.read_bytes() for file in before} == before
+
+
+def test_a_result_of_other_cameras_is_not_shown_beside(people, tmp_path, capsys):
+    result = read_result(people.with_name("both.anna.usdc"))
+    fewer = result.cameras.select(result.cameras.names[:-1])
+    write_result(tmp_path / "few.usdc", replace(result, cameras=fewer, iou=result.iou[..., :-1], view_shift=None))
+    for command, output in (("show", "a.webm"), ("view", "a.html")):
+        given = [command, str(people), "--beside", str(tmp_path / "few.usdc"), "-o", str(tmp_path / output)]
+        assert main(given) == console.USAGE
+        assert "--beside needs results of the same frames and cameras" in capsys.readouterr().err
+
+
 def test_other_formats_have_a_file_each(people, tmp_path, capsys):
     assert main(["export", str(people), "-o", str(tmp_path / "all.bvh"), "--json"]) == 0
     files = json.loads(capsys.readouterr().out)["files"]

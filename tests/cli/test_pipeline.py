@@ -21,11 +21,14 @@ from pxr import Usd, UsdGeom
 
 from mmocap_warp import cli
 from mmocap_warp.cli import console
+from mmocap_warp.errors import InputError
 from mmocap_warp.formats.truth_file import read_truth
+from mmocap_warp.formats.usd.usd_body import read_subject, write_subject
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.scenes import ROOT
 
 FEW = ("--frames", "0:3")
 """As many frames as show that a flag is taken."""
@@ -102,6 +105,12 @@ def test_a_result_is_replaced_only_by_force(scene, tmp_path, capsys):
     before = (tmp_path / "r.usdc").stat().st_mtime_ns
     assert cli.main(command) == console.BAD_INPUT
     assert cli.main([*command, "--resume"]) == console.OK  # complete: nothing to do
+    capsys.readouterr()
+    subject = read_subject(scene.parent / "subject.usdc")
+    write_subject(tmp_path / "other.usdc", replace(subject, pose=subject.pose + 0.001))
+    for other in (["--evaluations", "9", *FEW], ["--frames", "0:2"], ["--subject", str(tmp_path / "other.usdc"), *FEW]):
+        assert cli.main([*command[: -len(FEW)], *other, "--resume"]) == console.BAD_INPUT
+        assert "is of other frames, settings, cameras or masks than are asked for now" in capsys.readouterr().err
     assert (tmp_path / "r.usdc").stat().st_mtime_ns == before
     result = str(tmp_path / "r.usdc")
     assert cli.main(["export", result, "-o", result, "--force"]) == console.BAD_INPUT  # an animation is less
@@ -273,11 +282,24 @@ def test_commands_take_some_frames(scene, result, tmp_path, capsys):
         (["eval", "RESULT", "--frames", "9:12"], console.USAGE, "holds none of the result's frames, 0 to 7"),
         (["show", "RESULT", "--frames", "2:1"], console.USAGE, "--frames = 2:1 holds no frame"),
         (["show", "SUBJECT", "--frames", "2"], console.USAGE, "--strip need a result"),
+        (
+            ["track", "SCENE", "--again", "RESULT", "-o", "r.usdc", "--frames", ":8"],
+            console.USAGE,
+            "not all of the result's 0 to 7 (8)",
+        ),
+        (["track", "SCENE", "--again", "RESULT", "--frames", "2:4"], console.USAGE, "--again needs --output"),
+        (["sync", "SCENE", "--frames", "::2"], console.USAGE, "--frames must be first:end or a count"),
+        (["eval", "RESULT", "--scene", "WALK"], console.BAD_INPUT, "name the scene that was tracked"),
+        (["eval", "FOLDER"], console.BAD_INPUT, "is a folder; name a USD file"),
+        (["measure", "RESULT", "-o", "out", "--run", "9"], console.USAGE, "--run must be 0"),
+        (["fit", "SCENE", "-o", "TRUTH", "--force"], console.BAD_INPUT, "is the truth that the scene names"),
+        (["track", "SCENE", "-o", "TRUTH", "--force"], console.BAD_INPUT, "is the truth that the scene names"),
     ],
 )
 def test_frames_that_cannot_be(scene, result, tmp_path, capsys, monkeypatch, arguments, code, words):
     monkeypatch.chdir(tmp_path)
     files = {"SCENE": str(scene), "RESULT": str(result), "SUBJECT": str(scene.parent / "subject.usdc")}
+    files |= {"WALK": str(ROOT / "walk"), "FOLDER": str(scene.parent), "TRUTH": str(scene.parent / "truth.usdc")}
     assert cli.main([files.get(word, word) for word in arguments]) == code
     assert words in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
@@ -329,13 +351,19 @@ def test_masks_are_a_scene_that_tracks_alike(scene, result, tmp_path, capsys):
 
 
 @pytest.mark.nightly
+def test_masks_of_an_earlier_run_are_gone(scene, tmp_path, capsys):
+    for frames, count in (("2:8", 6), ("0:3", 3)):
+        answer(capsys, "mask", scene, "-o", tmp_path / "masks", "--frames", frames, "--force")
+        assert len([*(tmp_path / "masks" / "cam01").glob("*.png")]) == count
+
+
 def test_masks_do_not_replace_what_they_are_made_of(scene, tmp_path, capsys):
     folder = tmp_path / "copy"
     shutil.copytree(scene.parent, folder)
     before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
     for output in (folder, folder / "masks", folder / "masks" / "cam01", folder / ".." / "copy"):
         assert cli.main(["mask", str(folder), "-o", str(output), "--force"]) == console.BAD_INPUT
-        assert "holds the scene or masks that are read" in capsys.readouterr().err
+        assert "holds the scene, or masks or videos that are read" in capsys.readouterr().err
     assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
 
 
@@ -344,6 +372,7 @@ def test_without_an_output_all_that_is_not_there_is_made(scene, tmp_path, capsys
     command = ("track", tmp_path / "all", "--evaluations", 12, "--frames", 2)
     files = {name: Path(answer(capsys, *command)[name]) for name in ("result", "video", "page")}
     assert [file.name for file in files.values()] == ["result.usdc", "result.webm", "result.html"]
+    assert answer(capsys, *command)["next"].startswith("mmocap export ")  # the video is there already
     files["video"].unlink()
     made = {file: file.stat().st_mtime_ns for file in (files["result"], files["page"])}
     assert cli.main([*map(str, command), "--json"]) == console.OK
@@ -369,6 +398,21 @@ def test_cameras_that_disagree_are_refined_for_a_second_run(scene, result, capsy
         monkeypatch.setattr("mmocap_warp.result.verdict.verdict", lambda _, off=disagree: {"cameras": off})
         answer(capsys, "track", scene, *flags)
         assert asked == runs
+
+    # What nobody has asked for may fail: the first run's result is told.
+    def refined(**given):
+        if given.get("cameras"):
+            raise InputError("scene.toml", "tracked in 3 frames only", "choose other frames")
+        return track(**given)
+
+    monkeypatch.setattr("mmocap_warp.result.verdict.verdict", lambda _: {"cameras": {"cam01": 20.0}})
+    monkeypatch.setattr("mmocap_warp.commands.track.track", refined)
+    assert cli.main(["track", str(scene)]) == console.OK
+    shown = capsys.readouterr()
+    assert "cameras stay as they are: scene.toml: tracked in 3 frames only" in shown.err
+    assert "mean IoU" in shown.out
+    monkeypatch.setattr("mmocap_warp.commands.track.track", track)
+    monkeypatch.setattr("mmocap_warp.result.verdict.verdict", lambda _: {"cameras": {}})
 
     # A second run that was interrupted goes on: its cameras are newer than the result of the first.
     first = scene.parent / "result.usdc"

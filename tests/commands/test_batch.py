@@ -105,6 +105,15 @@ def test_every_scene_is_done_but_the_broken_one_which_is_told(whole):
         assert {"result.usdc", "result.glb", "view.html", "evaluation.json"} <= {file.name for file in folder.iterdir()}
 
 
+def test_a_recording_of_several_people_is_told_and_not_tracked(made, here, tmp_path):
+    shutil.copytree(made / "b", tmp_path / "people")
+    with (tmp_path / "people" / "scene.toml").open("a") as text:
+        text.write("\n[people.anna]\nlabel = 255\n")
+    with pytest.warns(UserWarning, match="people: given up: "):
+        done = mm.batch([tmp_path / "people"], tmp_path / "out", steps="track")
+    assert "names several people, and a batch tracks one each; use mmocap track" in done.failures["people"]
+
+
 def test_settings_are_those_of_the_last_pattern_that_matches(whole):
     output, _ = whole
     configs = {name: mm.load_result(output / "trials" / name / "result.usdc").config for name in ("a/one", "b")}

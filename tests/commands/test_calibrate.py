@@ -96,7 +96,9 @@ def test_one_camera_disagrees_and_several_disagree(found, said):
     ("arguments", "message"),
     [
         ({"fixed": "cam9"}, r"^fixed must name one of cam01"),
-        ({"height": 0.0}, r"^height must be in \(0, 100\) m"),
+        ({"height": 0.0}, r"^height must be in \(0, 3\) m"),
+        ({"height": 17.0}, r"^height must be in \(0, 3\) m"),
+        ({"distance": ("cam01", "cam01", 3.0)}, r"^distance must be of two cameras, got cam01 twice"),
         ({"rotation": -1.0}, r"^rotation must be finite and not negative"),
         ({"scale": 2.0}, r"^scale must be in"),
         ({"device": "cuda:99"}, r"^device must be"),
@@ -143,6 +145,6 @@ def test_offsets_say_what_the_scene_file_needs_and_what_is_in_doubt(scene):
     assert offsets.timing(scene)["cam03"] == {"offset": round(3 / FPS, 6)}
     assert offsets.timing(scene)["cam04"]["fps"] == pytest.approx(1.01 * FPS)
     motion, rate = offsets.faults(scene)
-    assert "cam03 fits 90 % as well +30 frames later" in motion
+    assert "cam03 fits 90 % as well 30 frames later: the motion repeats itself" in motion
     assert f"cam04 runs 1.0 % faster than it says, or dropped frames here and there: set fps = {1.01 * FPS:g}" in rate
     assert repr(offsets).endswith("cam01 +0, cam02 +0, cam03 +3?, cam04 +0")

@@ -98,6 +98,21 @@ def test_sound_cameras_stay_to_the_last_bit(tmp_path, monkeypatch):
     assert not (tmp_path / "r.calibration.toml").exists()
 
 
+def test_an_earlier_results_cameras_stay_until_others_are_known(tmp_path, monkeypatch):
+    scene, subject = walk_and_subject()
+    (tmp_path / "r.calibration.toml").write_text("of an older run")
+    monkeypatch.setattr(refinement, "refine", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        mm.track(scene, subject, output=tmp_path / "r.usdc", **SETTINGS, cameras="refine")
+    assert (tmp_path / "r.calibration.toml").read_text() == "of an older run"
+
+
+def test_a_wrong_fit_table_is_told_though_nothing_is_fitted():
+    scene, subject = walk_and_subject()
+    with pytest.raises(InputError, match="frames must be at least 1, got 0"):
+        mm.track(replace(scene, fit={"frames": 0}), subject, **SETTINGS)
+
+
 def test_offsets_are_split_into_frames_and_the_rest():
     scene, _ = walk_and_subject()
     offsets = dict.fromkeys(scene.calibrated.names, 0.0) | {scene.calibrated.names[2]: 1.25 / scene.fps}

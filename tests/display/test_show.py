@@ -27,7 +27,7 @@ from mmocap_warp.display.overlay import (
     write_text,
 )
 from mmocap_warp.display.result_video import Layout, overlay, show, show_subject, video_layout
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.masks.mask_settings import ForegroundSettings
 from mmocap_warp.scene.mask_writing import TINTS
 
@@ -370,5 +370,5 @@ def test_an_overlay_is_one_cameras_picture_in_red_green_blue():
 
 @pytest.mark.parametrize("camera", [3, -1, "cam9"])
 def test_an_overlay_of_no_camera(camera):
-    with pytest.raises(ValueError, match=r"camera must be one of .* got"):
+    with pytest.raises(UsageError, match=r"camera must be one of .* got"):
         overlay(small_result(), camera=camera)

@@ -30,6 +30,7 @@ def test_vertices_of_the_best_run_or_another_and_of_some_frames(result):
     np.testing.assert_array_equal(result.vertices(run=0), poser.vertices(result.pose[0]))
     np.testing.assert_array_equal(result.vertices(frames=[2, -1]), poser.vertices(result.pose[1, [2, 5]]))
     np.testing.assert_array_equal(result.vertices(frames=range(1, 3)), poser.vertices(result.pose[1, 1:3]))
+    np.testing.assert_array_equal(result.vertices(frames=2), poser.vertices(result.pose[1, [2]]))
     assert result.vertices(frames=[]).shape == (0, len(result.subject.body.skin.rest), 3)
 
 

@@ -93,7 +93,7 @@ def test_a_background_that_remembers_has_seen_the_frames_before(folder: Path) ->
 @pytest.mark.parametrize(
     ("written", "message"),
     [
-        ('frames = "2:9"', r"\[scene\]: frames = 2:9 is not in 0:5 \(cam01 5, .*\); give fewer frames"),
+        ('frames = "2:9"', r"\[scene\]: frames = 2:9 is not in 0:5 \(cam01 5, .*\); name frames that are there"),
         ('frames = "later"', r"frames = later is neither a count nor first:end"),
         ("frames = 1.5", r"frames = 1.5 is not a whole number"),
         ("frames = true", r"frames = True is not a whole number"),

@@ -146,6 +146,7 @@ def test_a_result_finds_its_person_again(folder):
         ("[labels]\nseveral = 3\nperson = 1\n", "several is of two people or more"),
         ("[labels]\nseveral = 3\n[people.anna]\nlabel = 1\n", "several is of two people or more"),
         ("[labels]\nseveral = 3\nthing = [3, 4]\n" + PEOPLE, "several and another key name label 3"),
+        ("[labels]\nthing = [1]\n" + PEOPLE, r"'anna' has a label of \[labels\]; leave it out of one of them"),
         ("[labels]\nseveral = 9\n[people.anna]\nlabel = 8\n[people.ben]\nlabel = 2\n", "no mask shows label 8"),
     ],
 )

@@ -47,7 +47,17 @@ def test_turns_are_from_the_bind_pose():
 
 @pytest.mark.parametrize(
     "address",
-    ["file://a", "127.0.0.1", "ws://127.0.0.1", "vmc://host:port", "lsl://", "", "ws://127.0.0.1:99999", "ws://[::1"],
+    [
+        "file://a",
+        "127.0.0.1",
+        "ws://127.0.0.1",
+        "vmc://host:port",
+        "vmc://host:39539?smoth",
+        "lsl://",
+        "",
+        "ws://127.0.0.1:99999",
+        "ws://[::1",
+    ],
 )
 def test_addresses_that_cannot_be(address):
     with pytest.raises(UsageError, match="is no address"):

@@ -1,5 +1,6 @@
 """What stands beside the paper's grid: baselines, our trackers, strangers, search radii, and what was not run."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -99,6 +100,11 @@ def test_our_tracker_is_compared_with_the_best_at_the_largest_budget(study):
         assert lead.half == (lead.error[0] <= 0.5 * min(errors))
         assert lead.seconds == (0.01, 0.2)  # of search-contour: solving the body is once a clip
         assert lead.tenth
+    ours = min((who for who in study.others), key=lambda who: study.level(who, MAIN))
+    assert {lead.ours for lead in found} == {ours}
+    other_order = copy(study)
+    object.__setattr__(other_order, "others", sorted(study.others, key=lambda who: -study.level(who, MAIN)))
+    assert leads(other_order, study.sequences) == found
     table = lead_table(study, study.sequences)
     assert len({len(row) for row in [table.head, *table.rows]}) == 1
     assert lead_table(StudySummary.of(searches()), study.sequences) is None

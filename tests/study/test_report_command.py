@@ -11,6 +11,7 @@ import pytest
 from report_page import Page
 from study_results import SEQUENCES, made_up_result, made_up_study
 
+import mmocap_warp as mm
 from mmocap_warp.cli import main
 from mmocap_warp.cli.console import BAD_INPUT, OK
 from mmocap_warp.study.cell import Cell, read_cell, write_cell
@@ -135,6 +136,11 @@ def test_results_of_different_code_are_not_mixed_without_a_word(results, tmp_pat
     assert json.loads(said.out)["mixed_code"].startswith(warning)
     assert warning in Page(page.read_text(encoding="utf-8")).text
     assert warning in (tmp_path / "tables.md").read_text(encoding="utf-8")
+
+
+def test_no_folder_at_all_is_wrong_usage():
+    with pytest.raises(mm.UsageError, match="results names no folder"):
+        mm.report_study([])
 
 
 def test_code_that_only_other_cells_run_is_no_mixture():

@@ -168,7 +168,8 @@ def test_a_process_that_fails_ends_and_waits_for_no_other_frame(monkeypatch):
     monkeypatch.setattr(live_process, "start_beside", int)  # only a main thread may handle signals
     here, there = Pipe()
     with ThreadPoolExecutor(1) as pool, closing(here):
-        process = pool.submit(live_process._serve, there, [()])
+        process = pool.submit(live_process._serve, there)
+        here.send([()])
         assert here.recv() is None
         here.send((0, [None]))
         with pytest.raises(RuntimeError, match="the process that smooths ended"):
@@ -215,6 +216,22 @@ def test_a_process_that_dies_is_told_of():
         tracker.step(0, seen[0])
         with pytest.raises(RuntimeError, match="the process that smooths ended with exit code -9"):
             list(tracker.rest())
+
+
+@pytest.mark.parametrize("kind", ["live_smoothing.SmoothingProcess", "live_process.LiveProcess"])
+def test_a_process_that_would_run_its_callers_script_again_does_not_hang(kind, tmp_path):
+    """More is handed to it than a pipe holds."""
+    module, name = kind.split(".")
+    wait = "made.rest(0).__next__()" if name == "SmoothingProcess" else "made.wait()"
+    script = f"""
+from mmocap_warp.tracking.{module} import {name}
+made = {name}([(bytes(2**20),) * 4])
+{wait}
+"""
+    (tmp_path / "script.py").write_text(script)
+    done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "ended with exit code 1" in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals between processes")

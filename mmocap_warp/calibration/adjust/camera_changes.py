@@ -93,9 +93,11 @@ class AdjustConfig:
             raise ValueError(f"seed must be in 0 .. 2^31 - 1, got {self.seed}")
         if self.scale is not None and not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        for name, metres in (("height", self.height), ("distance", self.distance and self.distance[2])):
-            if metres is not None and not 0.0 < metres < 100.0:
-                raise ValueError(f"{name} must be in (0, 100) m, got {metres}")
+        for name, metres, most in (("height", self.height, 3), ("distance", self.distance and self.distance[2], 100)):
+            if metres is not None and not 0.0 < metres < most:
+                raise ValueError(f"{name} must be in (0, {most}) m, got {metres}")
+        if self.distance and self.distance[0] == self.distance[1]:
+            raise ValueError(f"distance must be of two cameras, got {self.distance[0]} twice")
 
     def check_names(self, cameras: tuple[str, ...]) -> None:
         """Raise a ValueError unless the named cameras are among those of the scene."""

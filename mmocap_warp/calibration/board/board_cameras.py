@@ -45,25 +45,16 @@ class Detections:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BoardCalibration:
-    """Cameras found from a board.
+    """Cameras found from a board."""
 
-    Attributes:
-        rig: the cameras, in metres.
-        rms: (camera,) root mean square of the residuals [px].
-        focal_sigma: (camera,) standard deviation of focal lengths, as a share; 0 where they were given.
-        lens_frames, place_frames: (camera,) int, frames that were used.
-        coverage: (camera,) the share of the image, in 8x6 cells, that the board's corners covered.
-        points, residuals: per camera (n, 2), corners and how far the calibration misses them [px].
-    """
-
-    rig: CameraRig
-    rms: np.ndarray
-    focal_sigma: np.ndarray
-    lens_frames: np.ndarray
-    place_frames: np.ndarray
-    coverage: np.ndarray
-    points: tuple[np.ndarray, ...]
-    residuals: tuple[np.ndarray, ...]
+    rig: CameraRig  #: the cameras, in metres
+    rms: np.ndarray  #: (camera,) root mean square of the residuals [px]
+    focal_sigma: np.ndarray  #: (camera,) standard deviation of focal lengths, as a share; 0 where they were given
+    lens_frames: np.ndarray  #: (camera,) int, frames that a camera's lens was found from
+    place_frames: np.ndarray  #: (camera,) int, frames that its place was found from
+    coverage: np.ndarray  #: (camera,) the share of the image, in 8x6 cells, that the board's corners covered
+    points: tuple[np.ndarray, ...]  #: per camera (n, 2), corners [px]
+    residuals: tuple[np.ndarray, ...]  #: per camera (n, 2), how far the calibration misses them [px]
 
     def __repr__(self) -> str:
         return f"BoardCalibration: {', '.join(self.rig.names)}, residuals {self.rms.max():.2f} px at most"

@@ -72,10 +72,10 @@ class Board:
         if not hasattr(cv2.aruco, self._dictionary_name):
             raise UsageError(f"--board names the dictionary '{self.dictionary}', which OpenCV lacks; try 4x4_250")
         if self.columns * self.rows // 2 > int(self.dictionary.split("_")[1]):
-            raise UsageError(
-                f"--board has more markers than the dictionary {self.dictionary}; name a larger one, such as "
-                f"{self.kind}:{self.columns}x{self.rows}:{1000 * self.square:g}mm:{1000 * self.marker:g}mm:4x4_250"
-            )
+            millimetres = f"{1000 * self.square:g}mm:{1000 * self.marker:g}mm"
+            larger = f"name a larger one, such as {self.kind}:{self.columns}x{self.rows}:{millimetres}:4x4_1000"
+            remedy = larger if self.columns * self.rows // 2 <= 1000 else "take fewer squares"
+            raise UsageError(f"--board has more markers than the dictionary {self.dictionary}; {remedy}")
 
     @property
     def _dictionary_name(self) -> str:

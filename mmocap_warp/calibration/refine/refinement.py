@@ -52,29 +52,19 @@ class Overlaps:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Refinement:
-    """Refined cameras.
+    """Refined cameras."""
 
-    Attributes:
-        rig: the calibrated cameras at full size, with the changes.
-        change: (camera, parameter) by which they differ from the calibration, see
-            :data:`~mmocap_warp.calibration.adjust.camera_changes.KINDS`; pixels are those of the calibrated images.
-        sigma: (camera, parameter) standard deviations; for parameters that stayed, what they would be.
-        moved: (camera, parameter) bool: those that changed; all others are exactly what they were.
-        undetermined: (camera, parameter) bool: those that the masks do not determine.
-        fixed: number of the camera that stood still; None where all cameras kept their places.
-        before, after: how well frames that had no part are explained.
-        settled: whether the changes explain the outlines about as well as if all parameters had changed.
-    """
-
-    rig: CameraRig
+    rig: CameraRig  #: the calibrated cameras at full size, with the changes
+    #: (camera, parameter) by which they differ from the calibration, see
+    #: :data:`~mmocap_warp.calibration.adjust.camera_changes.KINDS`; pixels are those of the calibrated images
     change: np.ndarray
-    sigma: np.ndarray
-    moved: np.ndarray
-    undetermined: np.ndarray
-    fixed: int | None
-    before: Overlaps
-    after: Overlaps
-    settled: bool = True
+    sigma: np.ndarray  #: (camera, parameter) standard deviations; for parameters that stayed, what they would be
+    moved: np.ndarray  #: (camera, parameter) bool: those that changed; all others are exactly what they were
+    undetermined: np.ndarray  #: (camera, parameter) bool: those that the masks do not determine
+    fixed: int | None  #: number of the camera that stood still; None where all cameras kept their places
+    before: Overlaps  #: how well frames that had no part were explained by the cameras as given
+    after: Overlaps  #: how well these are explained with the changes
+    settled: bool = True  #: whether the changes explain the outlines about as well as if all parameters had changed
 
     @property
     def better(self) -> bool:

@@ -33,33 +33,19 @@ _MAX_FOCAL_RATIO = 0.5  # a focal length known no better than this share of the 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SolvedCameras:
-    """Cameras found from a walking person.
+    """Cameras found from a walking person."""
 
-    Attributes:
-        rig: at full size, with the distortion that was given; the floor is at zero along ``rig.up``.
-        focal: the source of each camera's focal length.
-        centre_sigma: (camera,) float64, standard deviation of the centres, in all directions together [m].
-        tilt_sigma: (camera,) float64, standard deviation of their tilts [rad].
-        focal_sigma: (camera,) float64, relative standard deviation of focal lengths; zero where given or guessed.
-        whole: (camera,) int, frames in which the whole person was seen.
-        frames: the recording's numbers of the frames that were used.
-        heads: (frame, 3) float64, the top of the head [m]; NaN where no two cameras agreed on it.
-        missed: median of the tangents' residuals [px], in images of ``scale``.
-        agreed: (camera,) float64, share of each view's tangents that the other views agree on.
-        scale: of the images that were used.
-    """
-
-    rig: CameraRig
-    focal: tuple[Literal["given", "found", "guessed"], ...]
-    centre_sigma: np.ndarray
-    tilt_sigma: np.ndarray
-    focal_sigma: np.ndarray
-    whole: np.ndarray
-    frames: range
-    heads: np.ndarray
-    missed: float
-    agreed: np.ndarray
-    scale: float
+    rig: CameraRig  #: at full size, with the distortion that was given; the floor is at zero along ``rig.up``
+    focal: tuple[Literal["given", "found", "guessed"], ...]  #: the source of each camera's focal length
+    centre_sigma: np.ndarray  #: (camera,) standard deviation of the centres, in all directions together [m]
+    tilt_sigma: np.ndarray  #: (camera,) standard deviation of their tilts [rad]
+    focal_sigma: np.ndarray  #: (camera,) relative standard deviation of focal lengths; zero where given or guessed
+    whole: np.ndarray  #: (camera,) int, frames in which the whole person was seen
+    frames: range  #: the recording's numbers of the frames that were used
+    heads: np.ndarray  #: (frame, 3) the top of the head [m]; NaN where no two cameras agreed on it
+    missed: float  #: median of the tangents' residuals [px], in images of ``scale``
+    agreed: np.ndarray  #: (camera,) share of each view's tangents that the other views agree on
+    scale: float  #: of the images that were used
 
     def __repr__(self) -> str:
         sigma = 1000 * float(self.centre_sigma.max())

@@ -31,7 +31,7 @@ def read_stage(path: str | Path) -> Usd.Stage:
     """
     path = Path(path)
     if not os.path.isfile(path):
-        raise InputError(path, "no such file", "check the path")
+        raise InputError(path, "is a folder" if path.is_dir() else "no such file", "name a USD file that is there")
     # USD keeps layers by file name and would hand out the old one; an anonymous layer has no name.
     layer = Sdf.Layer.OpenAsAnonymous(str(path))
     if layer:

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.errors import InputError, UsageError, input_errors
 from mmocap_warp.formats.toml_table import Table, config_from_table
 
 if TYPE_CHECKING:
@@ -93,16 +93,18 @@ def seconds_of(minutes: float | None) -> float | None:
     return None if minutes is None else 60.0 * minutes
 
 
-def start_warp(device: str = "auto") -> None:
+def start_warp(device: str = "auto", written_in: str | None = None) -> None:
     """Start Warp without its messages and see that ``device`` is there.
 
     Raises:
         UsageError: this machine has no such device.
+        InputError: likewise, where the device is ``written_in`` a table of a file.
     """
     from mmocap_warp.device.resolve import resolve_device, start_quietly
 
     start_quietly()
-    with arguments_checked():
+    remedy = "name one of these"
+    with input_errors(written_in, "{error}", remedy, ValueError) if written_in else arguments_checked():
         resolve_device(device)
 
 

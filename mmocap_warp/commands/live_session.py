@@ -96,7 +96,8 @@ def live(
     chosen = track_settings(loaded, settings, config, seen=not source)
     if chosen.runs != 1:
         raise UsageError(f"--runs must be 1 to track live, got {chosen.runs}")
-    start_warp(chosen.device)
+    is_given = config is not None or "device" in settings
+    start_warp(chosen.device, None if is_given else f"{loaded.path}: [track]")
     files = _files(None if record is None else Path(record), [*scenes], force, reporter)
     rig, rate = loaded.rig(chosen.scale), loaded.fps if source else loaded.rate
     subjects = {name: _subject(each, subject, bool(source), chosen, reporter) for name, each in scenes.items()}

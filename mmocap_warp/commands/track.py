@@ -91,7 +91,8 @@ def fit(
     inputs.keep_truth(file, loaded)
     chosen = effective(FitConfig, loaded.settings("fit"), settings, config)
     generic, poses = inputs.body_from(body, loaded), _start_poses(start_poses, body, loaded)
-    start_warp(chosen.device)
+    is_given = config is not None or "device" in settings
+    start_warp(chosen.device, None if is_given else f"{loaded.path}: [fit]")
     trusted = inputs.look_first(loaded, generic, reporter, trust_cameras)
     reporter.note(f"fit: {describe(chosen, loaded.fit if config is None else {}, settings)}")
     return fit_subject(loaded, generic, chosen, file, reporter, trusted, poses)
@@ -224,7 +225,7 @@ def track(
     inputs.truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}
 
-    start_warp(chosen.device)
+    start_warp(chosen.device, None if "device" in given else f"{loaded.path}: [track]")
     checkpoint = None if file is None else file.with_name(f"{file.name}.checkpoint")
     if checkpoint is not None and checkpoint.exists() and not (resume or force):
         remedy = "continue it with --resume, or --force a new one"

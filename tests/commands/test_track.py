@@ -107,6 +107,17 @@ def test_an_earlier_results_cameras_stay_until_others_are_known(tmp_path, monkey
     assert (tmp_path / "r.calibration.toml").read_text() == "of an older run"
 
 
+@pytest.mark.parametrize(("command", "table"), [(mm.track, "track"), (mm.live, "track"), (mm.fit, "fit")])
+def test_a_device_that_is_not_there_is_the_files_fault_or_the_callers(command, table):
+    scene, subject = walk_and_subject()
+    scene = replace(scene, **{table: {"device": "cuda:99"}})
+    given = (scene,) if command is mm.fit else (scene, subject)
+    with pytest.raises(InputError, match=rf"scene.toml: \[{table}\]: device must be .*; name one of these"):
+        command(*given)
+    with pytest.raises(mm.UsageError, match=r"^device must be"):
+        command(*given, device="cuda:98")
+
+
 def test_a_wrong_fit_table_is_told_though_nothing_is_fitted():
     scene, subject = walk_and_subject()
     with pytest.raises(InputError, match="frames must be at least 1, got 0"):

@@ -221,7 +221,6 @@ def track(
         return _again(loaded, again, pins, config, file, reporter, settings)
     loaded = with_masks(loaded, reporter, effective(TrackConfig, loaded.settings("track"), settings, config))
     chosen = inputs.track_settings(loaded, settings, config)
-    effective(FitConfig, loaded.settings("fit"), {})  # though nothing may be fitted
     inputs.truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}
 

@@ -298,7 +298,7 @@ def test_why_an_offset_is_in_doubt_is_said() -> None:
         return str(ViewOffset(5, rival, 25, agreeing, sure=False, margin=margin).doubt("a", None))
 
     assert "shows no motion that the other views share" in says(float("inf"), 1.0)
-    assert "a fits 50 % as well +20 frames later: the motion repeats itself every 20 frames" in says(0.5, 1.0)
+    assert "a fits 50 % as well 20 frames later: the motion repeats itself every 20 frames" in says(0.5, 1.0)
     assert "give its offset only to 3.3 frames" in says(0.4, 1.0, margin=3.3)
     assert "give its offset to no precision" in says(0.4, 1.0, margin=float("inf"))
     assert "agrees with 50 % of the other views" in says(0.4, 0.5)

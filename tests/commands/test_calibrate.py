@@ -145,6 +145,6 @@ def test_offsets_say_what_the_scene_file_needs_and_what_is_in_doubt(scene):
     assert offsets.timing(scene)["cam03"] == {"offset": round(3 / FPS, 6)}
     assert offsets.timing(scene)["cam04"]["fps"] == pytest.approx(1.01 * FPS)
     motion, rate = offsets.faults(scene)
-    assert "cam03 fits 90 % as well 30 frames later: the motion repeats itself" in motion
+    assert "cam03 fits 90 % as well 30 frames later: the motion repeats itself every 30 frames" in motion
     assert f"cam04 runs 1.0 % faster than it says, or dropped frames here and there: set fps = {1.01 * FPS:g}" in rate
     assert repr(offsets).endswith("cam01 +0, cam02 +0, cam03 +3?, cam04 +0")

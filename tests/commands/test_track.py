@@ -118,12 +118,6 @@ def test_a_device_that_is_not_there_is_the_files_fault_or_the_callers(command, t
         command(*given, device="cuda:98")
 
 
-def test_a_wrong_fit_table_is_told_though_nothing_is_fitted():
-    scene, subject = walk_and_subject()
-    with pytest.raises(InputError, match="frames must be at least 1, got 0"):
-        mm.track(replace(scene, fit={"frames": 0}), subject, **SETTINGS)
-
-
 def test_offsets_are_split_into_frames_and_the_rest():
     scene, _ = walk_and_subject()
     offsets = dict.fromkeys(scene.calibrated.names, 0.0) | {scene.calibrated.names[2]: 1.25 / scene.fps}

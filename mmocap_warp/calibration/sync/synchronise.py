@@ -60,8 +60,8 @@ class ViewOffset:
             lag = self.other - self.frames
             when = f"{abs(lag)} frames {'later' if lag > 0 else 'earlier'}"
             return (
-                f"{name} fits {100 * self.rival:.0f} % as well {when}: the motion repeats itself, as steps do, or "
-                "there is too little of it; record a clap, a jump or a turn too"
+                f"{name} fits {100 * self.rival:.0f} % as well {when}: the motion repeats itself every {abs(lag)} "
+                "frames, as steps do, or there is too little of it; record a clap, a jump or a turn too"
             )
         if self.agreeing > _MIN_AGREEING:
             known = f"only to {self.margin:.1f} frames" if np.isfinite(self.margin) else "to no precision"

@@ -339,6 +339,8 @@ def summary(report: dict[str, Any]) -> str:
         ("worst IoU", f"{_number(report['worst_iou'], '.3f')} (frame {report['worst_iou_frame']})"),
         ("shake", f"{_number(report['shake_mm'], '.1f')} mm"),
     ]
+    if report.get("truth_frames", report["frames"]) < report["frames"]:
+        rows.append(("with truth", f"{report['truth_frames']} frames"))
     errors = (
         ("MPJPE", "mpjpe_mm"),
         ("PA-MPJPE", "pa_mpjpe_mm"),

@@ -17,7 +17,7 @@ from mmocap_warp.cli.console import FAILURE, OK, Console, checked, table
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
 bench_app = App(name="bench", version_flags=[])
-_COMPARE = Parameter(help="An earlier report: show how many times as quick each line is now.")
+_COMPARE = Parameter(help="An earlier report: the text, not --json, shows how many times as quick each line is now.")
 _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
 _COLUMNS = tomllib.loads(Path(__file__).with_name("study_tables.toml").read_text("utf-8"))
 

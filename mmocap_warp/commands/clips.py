@@ -21,7 +21,7 @@ def make_sequences(
     seed: int = 0,
     clip: str | Path | None = None,
     together: bool = False,
-    apart: float = 0.7,
+    apart: float | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
 ) -> dict[str, Path]:
@@ -33,11 +33,11 @@ def make_sequences(
             Uneven/Walking, Skirt/Walking, Child/Walking. [default: the nine of S1 to S3]
         frames: at most so many of each. [default: all]
         degrade: what makes them worse: passer-by, furniture, fps=15, views=3, cut=2 (or all), calibration=10 (pixels),
-            or several joined by +.
+            or several joined by +; with +labelled, what gets in the way has a label.
         seed: of what is random in that.
         clip: a .bvh file whose motion takes the place of the one sequence's own.
         together: the people of the sequences, two or more, are in one scene of label images and pass each other.
-        apart: how near to each other they come [m]; 0.7 is a hand between shoulders that pass, 0.4 a hold.
+        apart: how near to each other they come [m]; 0.4 is a hold. [default: 0.7, a hand between shoulders that pass]
         force: write among files that are there.
         reporter: receives progress.
 
@@ -68,6 +68,9 @@ def make_sequences(
     people = {name.split("/")[0] for name in sequences}
     if together and (len(people) < 2 or len(people) < len(sequences) or degrade != NONE or clip is not None):
         raise UsageError("--together needs two or more --sequence of different people, without --clip and --degrade")
+    if apart is not None and not together:
+        raise UsageError("--apart is of people in one recording: give --together too")
+    apart = 0.7 if apart is None else apart
     if not 0 < apart < 10:
         raise UsageError(f"--apart must be above 0 and below 10, got {apart:g}")
     folder = new_folder(folder, force=force)

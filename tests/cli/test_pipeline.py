@@ -223,6 +223,15 @@ def test_axes_that_are_given_win_over_those_of_the_scenes_own_truth(result, scen
     assert answer(capsys, *asked, "--truth-axes=yzx")["other_world"] is None
 
 
+def test_eval_says_how_many_frames_the_truth_has(result, tmp_path, capsys):
+    truth = tmp_path / "t.trc"
+    answer(capsys, "export", result, "-o", truth, "--frames", ":5")
+    for part, row in (((), ["with", "truth", "5", "frames"]), (("--frames", ":5"), None)):
+        cli.main(["eval", str(result), "--truth", str(truth), "--truth-axes=x-zy", *part])
+        rows = map(str.split, capsys.readouterr().out.splitlines())
+        assert [each for each in rows if each[:2] == ["with", "truth"]] == [row] * (row is not None)
+
+
 def test_eval_names_other_origins_and_units(result, scene, tmp_path, capsys):
     joints = read_truth(scene.parent / "truth.usdc").joints
     for truth, words in (

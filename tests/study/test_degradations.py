@@ -184,6 +184,8 @@ def test_people_together_hide_one_another_and_keep_apart(tmp_path):
     joints = [load_truth(tmp_path / "hold" / f"{name}.truth.usdc").joints[:, 0, :2] for name in ("S1", "S2")]
     assert 0.39 <= np.linalg.norm(joints[0] - joints[1], axis=1).min() <= 0.5
     assert main(["study", "make", str(tmp_path / "far"), *flags, "--apart", "-1"]) == 2
+    alone = ["study", "make", str(tmp_path / "far"), "--sequence", "S1/Box", "--apart", "0.4"]
+    assert main(alone) == 2  # of one
 
 
 def test_several_are_done_in_one_order(clip):

@@ -181,9 +181,12 @@ def _smooth(frames: Any, solved: Any) -> None:
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
     start_beside()
-    smoothers = [_Smoother(*about) for about in frames.get()]
+    smoothers: list[_Smoother] = []
     while (parent := multiprocessing.parent_process()) and parent.is_alive():
         with suppress(queue.Empty):
+            if not smoothers:
+                smoothers = [_Smoother(*about) for about in frames.get(timeout=_PATIENCE)]
+                continue
             person, *frame = frames.get(timeout=_PATIENCE)
             for each in smoothers[person].add(*frame) if frame else smoothers[person].rest():
                 solved[person].put(each)

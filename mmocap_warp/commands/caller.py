@@ -103,8 +103,7 @@ def start_warp(device: str = "auto", written_in: str | None = None) -> None:
     from mmocap_warp.device.resolve import resolve_device, start_quietly
 
     start_quietly()
-    remedy = "name one of these"
-    with input_errors(written_in, "{error}", remedy, ValueError) if written_in else arguments_checked():
+    with input_errors(written_in, "{error}", "name one of these", ValueError) if written_in else arguments_checked():
         resolve_device(device)
 
 

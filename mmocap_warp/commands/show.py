@@ -19,7 +19,7 @@ from mmocap_warp.formats import table
 from mmocap_warp.formats.exports.rigs import with_rig
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
-from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
+from mmocap_warp.formats.usd.usd_file import stage_up
 from mmocap_warp.formats.usd.usd_people import results_in
 from mmocap_warp.formats.usd.usd_result import holds_result
 from mmocap_warp.result.evaluation import iou_by_camera
@@ -324,7 +324,8 @@ def export(
         raise UsageError(f"--up must be y or z, got {up}")
     if up is not None and format.up not in (None, f"+{up}"):
         raise UsageError(f"--up {up} cannot be: {format} is always {format.up[1:]} up; leave --up out")
-    if bake and not any(cache.matches(output) for cache in table.POINT_CACHES):
+    is_usd = any(cache.matches(output) for cache in table.POINT_CACHES)
+    if bake and not is_usd:
         fitting = " or ".join(map(str, table.POINT_CACHES))
         raise UsageError(f"--bake cannot write {output.suffix}; end the output in {fitting}")
     if output.suffix.lower() == ".vrma":
@@ -354,11 +355,10 @@ def export(
         chosen, (tracked, _) = next(iter(of_file.values())), next(iter(part.values()))
         points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
         table.export(of_file if together else chosen, file, table.POINT_CACHES if bake else table.EXPORTS, points)
-    # USD keeps uneven frames, and a world that is upright along y or z.
-    is_usd, own_up = output.suffix.lower() in (*USD_SUFFIXES, ".usdz"), chosen.cameras.up
+    # USD alone keeps uneven frames, and turns the world upright.
     frame_count = len((chosen if is_usd else evenly(chosen)).frame_numbers)
-    written_up = "+z" if is_usd and own_up not in ("+y", "+z") else own_up
-    return Export(tuple(parts), frame_count, chosen.rate, format.up or written_up)
+    own_up = stage_up(chosen.cameras.up) if is_usd else chosen.cameras.up
+    return Export(tuple(parts), frame_count, chosen.rate, format.up or own_up)
 
 
 def _files(output: Path, run: int | str | None, runs: int, best: int) -> dict[Path, int]:

@@ -259,7 +259,6 @@ def track(
     start, notes = subject_carrying(subject, loaded.attached)
     for note in notes:
         reporter.note(f"attach: {note}")
-    _check_model(start.body, loaded, chosen, given)
     chosen = replace(chosen, dof=start.body.skeleton.model_number(chosen.dof))
     reporter.note(f"track: {describe(chosen, loaded.track, given)}")
 

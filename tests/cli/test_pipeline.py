@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from command_answer import answer
 from moving_figure import FRAMES, PROMISED, PROMISED_WITH_TRUTH, SCENE, write_moving_figure
 from person_skeleton import JOINTS
 from pxr import Usd, UsdGeom
@@ -27,12 +28,10 @@ from mmocap_warp.formats.usd.usd_body import read_subject, write_subject
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.result.evaluation import evaluate
-from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 
 FEW = ("--frames", "0:3")
 """As many frames as show that a flag is taken."""
-
 
 pytestmark = pytest.mark.usefixtures("no_network")
 
@@ -48,15 +47,6 @@ def result(scene) -> Path:
     path = scene.parent / "result.usdc"
     assert cli.main(["track", str(scene), "-o", str(path), "--quiet", "--seed", "3"]) == console.OK
     return path
-
-
-def answer(capsys, *arguments: object, code: int = console.OK) -> dict:
-    """The JSON of a command that must succeed, or end with a code."""
-    capsys.readouterr()
-    assert cli.main([*map(str, arguments), "--json", "--quiet"]) == code
-    shown = capsys.readouterr()
-    assert shown.err == ""
-    return json.loads(shown.out)
 
 
 def same_bits(left: Path, right: Path) -> bool:
@@ -360,22 +350,6 @@ def test_masks_are_a_scene_that_tracks_alike(scene, result, tmp_path, capsys):
 
 
 @pytest.mark.nightly
-def test_masks_of_an_earlier_run_are_gone(scene, tmp_path, capsys):
-    for frames, count in (("2:8", 6), ("0:3", 3)):
-        answer(capsys, "mask", scene, "-o", tmp_path / "masks", "--frames", frames, "--force")
-        assert len([*(tmp_path / "masks" / "cam01").glob("*.png")]) == count
-
-
-def test_masks_do_not_replace_what_they_are_made_of(scene, tmp_path, capsys):
-    folder = tmp_path / "copy"
-    shutil.copytree(scene.parent, folder)
-    before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
-    for output in (folder, folder / "masks", folder / "masks" / "cam01", folder / ".." / "copy"):
-        assert cli.main(["mask", str(folder), "-o", str(output), "--force"]) == console.BAD_INPUT
-        assert "holds the scene, or masks or videos that are read" in capsys.readouterr().err
-    assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
-
-
 def test_without_an_output_all_that_is_not_there_is_made(scene, tmp_path, capsys):
     shutil.copytree(scene.parent, tmp_path / "all", ignore=shutil.ignore_patterns("result*"))
     command = ("track", tmp_path / "all", "--evaluations", 12, "--frames", 2)
@@ -437,30 +411,6 @@ def test_cameras_that_disagree_are_refined_for_a_second_run(scene, result, capsy
         assert asked == runs
     for file in files[1:]:
         file.unlink()
-
-
-def test_masks_of_some_frames_keep_their_numbers(scene, tmp_path, capsys):
-    written = answer(capsys, "mask", scene, "-o", tmp_path / "masks", "--frames", "1:8:3")
-    part, whole = load_scene(written["scene"]), load_scene(scene)
-    assert (list(part.frames), part.fps) == ([1, 4, 7], 60)
-    for masks, same in zip(part.masks(), whole.of_frames(range(1, 8, 3)).masks(), strict=True):
-        np.testing.assert_array_equal(masks[1], same[1])
-
-
-def test_cameras_draws_into_every_view(scene, tmp_path, capsys):
-    report = answer(capsys, "cameras", scene, "-o", tmp_path / "axes")
-    assert sorted(os.listdir(tmp_path / "axes")) == ["cam01.png", "cam02.png", "cam03.png"]
-    assert report["pictures"] == [str(tmp_path / "axes" / f"cam0{k}.png") for k in (1, 2, 3)]
-    assert cli.main(["cameras", str(scene), "-o", str(tmp_path / "axes"), "--force"]) == console.OK
-    assert str(tmp_path / "axes" / "cam03.png") in capsys.readouterr().out
-    assert report["mean_height_m"] == pytest.approx(1.4)
-
-
-def test_cameras_below_the_floor_fail_the_check(scene, capsys):
-    turned = scene.with_name("turned.toml")
-    turned.write_text(SCENE.replace('"+y"', '"-y"'))
-    assert cli.main(["cameras", str(turned)]) == console.CHECK_FAILED
-    assert "mean height is -1.40 m" in capsys.readouterr().out
 
 
 @pytest.fixture

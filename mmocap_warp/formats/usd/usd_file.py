@@ -255,24 +255,28 @@ def _usd_value(value: Any) -> tuple[Sdf.ValueTypeName, Any]:
     raise ValueError(f"no USD attribute type for {value!r}")
 
 
+def stage_up(up: str) -> str:
+    """The vertical of a stage whose contents have the signed axis ``up``: the same where it is +y or +z, else +z."""
+    return up if up in ("+y", "+z") else "+z"
+
+
 def set_world_up(stage: Usd.Stage, world: UsdGeom.Xformable, up: str) -> None:
     """Set the stage's metres and up axis, and turn ``world`` where that is needed to show its contents upright.
 
-    ``world`` is the prim above everything in the cameras' world, whose signed axis ``up`` points up. The stage's up
-    axis is the same where it is +y or +z, else +z.
+    ``world`` is the prim above everything in the cameras' world, whose signed axis ``up`` points up.
     """
-    stage_up = {"+y": "y"}.get(up, "z")
+    axis = stage_up(up)[1]
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, stage_up.upper())
-    if up != f"+{stage_up}":
+    UsdGeom.SetStageUpAxis(stage, axis.upper())
+    if up != stage_up(up):
         turn = np.eye(4)
-        turn[:3, :3] = _rotation_onto(stage_up, up)
+        turn[:3, :3] = _rotation_onto(axis, up)
         world.AddTransformOp().Set(Gf.Matrix4d(turn.T))  # which acts on row vectors
 
 
-def _rotation_onto(stage_up: str, up: str) -> np.ndarray:
-    """(3, 3) rotation that takes the signed axis ``up`` to the positive axis ``stage_up``, along other axes."""
-    source, target = "xyz".index(up[1]), "xyz".index(stage_up)
+def _rotation_onto(axis: str, up: str) -> np.ndarray:
+    """(3, 3) rotation that takes the signed axis ``up`` to the positive ``axis``, along other axes."""
+    source, target = "xyz".index(up[1]), "xyz".index(axis)
     turn = np.roll(np.eye(3), target - source, axis=0)  # cyclic, hence proper: axis `source` becomes `target`
     if up[0] == "-":
         turn = np.diag(np.where(np.arange(3) == (target + 1) % 3, 1.0, -1.0)) @ turn

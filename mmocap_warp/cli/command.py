@@ -18,10 +18,12 @@ from cyclopts import Parameter as CliParameter
 
 from mmocap_warp.cli.console import BAD_INPUT, OK, Console, Identity, Output, ResultFile, SceneFile, Switch, given
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.sandbox import start_sandbox
 
 _TYPES: dict[str, Any] = {"str": str, "int": int, "float": float, "bool": bool, "Path": Path, "Frames": str}
 _KNOWN = (*_TYPES, "tuple", "Literal")  # the command line has no parameter of any other type
 _FILES: dict[str, Any] = {"scene": SceneFile, "result": ResultFile}
+_OF_OTHERS = {"scene", "result", "results", "example"}  # parameters that name files, which the sandbox reads first
 REQUIRED = Parameter.empty  # the default of a parameter that has none
 BY_PLACE, BY_FLAG, ANY_NUMBER = Parameter.POSITIONAL_ONLY, Parameter.KEYWORD_ONLY, Parameter.VAR_POSITIONAL
 _LAST = ("settings", "resume", "accept_changed_code", "trust_cameras", "force")  # the flags at the end
@@ -97,6 +99,8 @@ def command(
             bound.apply_defaults()
             values = bound.arguments
             values["console"] = console = values["console"] or Console()
+            if not _OF_OTHERS.isdisjoint(own):
+                start_sandbox()
             if "loaded" in needed:
                 from mmocap_warp.commands.inputs import scene_from
 

@@ -92,6 +92,12 @@ class _Worker:
         self._running: subprocess.Popen[str] | None = None
         self._owner = 0
 
+    def begin(self) -> None:
+        """Start it before it is needed: it imports OpenUSD while this process does."""
+        with self._lock, suppress(OSError):
+            if sys.platform != "win32":
+                self._process()
+
     def read(self, reader: str, path: str, size: int) -> None:
         """Let it read a file of so many bytes; an InputError is the reader's, or that of a file which was too much."""
         seconds, memory = _SECONDS + size * _SECONDS_PER_BYTE, _BYTES + size * _BYTES_PER_BYTE
@@ -159,6 +165,7 @@ def _close(process: subprocess.Popen[str]) -> int:
 
 
 _worker = _Worker()
+start_sandbox = _worker.begin
 atexit.register(_worker.leave)
 
 
@@ -169,6 +176,7 @@ def _serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print must not get among the answers
+    import_module("pxr.UsdSkel")
     while select.select([sys.stdin], [], [], _IDLE_SECONDS)[0] and (line := sys.stdin.readline()):
         request = json.loads(line)
         module, name = request["reader"].split(":")

@@ -116,7 +116,7 @@ def _judged(result: Result, scene: Scene | None) -> dict[str, Any]:
 def _with_people(result: Any, beside: Sequence[str | Path] | None) -> list[Any]:
     """A result, or those that a file of several people names, and further ones."""
     people = results_in(result).values() if isinstance(result, str | Path) else ()
-    return [*(people or [result]), *(beside or ())]
+    return [*(people or [result]), *([beside] if isinstance(beside, str | Path) else beside or ())]
 
 
 def _others(
@@ -207,9 +207,10 @@ def draw_result(
 
 def _people(results: Sequence[tuple[Result, Scene | None]]) -> list[tuple[Look, Result, Scene | None]]:
     """How several people are told apart: by names and places in the scene, or places in the list; none if one alone."""
-    people = []
+    people: list[tuple[Look, Result, Scene | None]] = []
     for place, (result, scene) in enumerate(results if len(results) > 1 else ()):
         name, names = str(result.config.get("person", "")), [] if scene is None else [*scene.people]
+        name = "" if any(name == look.name for look, *_ in people) else name  # two results of one person
         colour = TINTS[(names.index(name) if name in names else place) % len(TINTS)]
         people.append((Look(name or f"person{place + 1}", colour), result, scene))
     return people

@@ -9,7 +9,7 @@ from synthetic import ring_rig, synthetic_result
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cameras.silhouette import silhouette, silhouettes
-from mmocap_warp.commands.show import _people
+from mmocap_warp.commands.show import _people, _with_people
 from mmocap_warp.display import overlay as overlay_file
 from mmocap_warp.display.overlay import (
     ELLIPSE,
@@ -151,6 +151,8 @@ def test_colours_are_those_of_the_masks_overlay():
     ]
     assert _people([(tracked, None)] * 6)[5][0] == Look("person6", TINTS[0])
     assert _people([(ben, scene)]) == []
+    assert [look.name for look, *_ in _people([(ben, scene), (ben, scene)])] == ["ben", "person2"]
+    assert _with_people(ben, "other.usdc") == [ben, "other.usdc"]
 
 
 def test_who_is_nearer_is_drawn_over_the_other_and_no_name_over_another():

@@ -21,7 +21,7 @@ from mmocap_warp.tracking.contour_tracker import ContourTracker, starts_per_run
 from mmocap_warp.tracking.evidence import FRAMES_TOGETHER
 from mmocap_warp.tracking.limb_pairs import limb_pairs
 from mmocap_warp.tracking.pose_search import search_size
-from mmocap_warp.tracking.smoothing import CANDIDATES, frames_held
+from mmocap_warp.tracking.smoothing import CANDIDATES, RECALLED, frames_held
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 
@@ -91,9 +91,10 @@ def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: floa
     whole = whole_image_bytes(rig, frames)
     is_whole = not on_cpu and whole <= MOST_WHOLE
     fields = whole if is_whole else 4 * frames * pixels * _BODY_SHARE
-    # Poses of the frames that are held, one of the body's changes, one for each pair of limbs, and those whose views
-    # are asked.
-    poses = max(STARTS, min(CANDIDATES, frames)) + 1 + len(limb_pairs(subject.body.skeleton)) + FRAMES_TOGETHER
+    # Poses of the frames that are held, recalled ones, one of the body's changes, one for each pair of limbs, and those
+    # whose views are asked.
+    poses = max(STARTS, min(CANDIDATES, frames)) + (RECALLED if on_cpu else 1) + 1 + FRAMES_TOGETHER
+    poses += len(limb_pairs(subject.body.skeleton))
     # On a GPU, of each frame, derivatives of its points and its rows of the clip's band, factored and inverted.
     band = 0 if on_cpu else 8 * frames * dof * (12 * len(subject.body.joint_rest) + 19 * dof)
     marks = 8 * pixels  # of what the body leaves uncovered, in the tracker and beside it

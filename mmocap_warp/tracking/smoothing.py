@@ -8,6 +8,7 @@ frames around it (:class:`ClipProblem`), where a second opinion from following t
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.fitter import WIDE
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
+from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
@@ -44,6 +46,7 @@ _TRACKED, _PARTIAL, _LOST, _INTERPOLATED, _REPEATED = (
 CANDIDATES = 32  # poses that are linearised at a time
 WIDE_SIGMA = 0.15  # least standard deviation of a joint of a part in doubt, along each axis [m]
 _OBSERVED = 8  # frames whose masks a GPU makes fields of at a time
+RECALLED = 8  # recalled limbs that are fitted at a time
 _STEPS = 5  # descent steps of a pose while a window is followed backwards
 _HELD_INFORMATION = 1e10  # about each coordinate of a frame that is held [1/m^2, 1/rad^2]
 _UNSURE = 0.05  # deviation of a joint from which on holes in most masks may hide it [m], in a body like a person
@@ -132,6 +135,7 @@ class _MaskWindow:
         holed: (frame,) bool, frames that were read of which too few views have whole masks.
         points: what is kept from accelerating.
         band: what solves the clip's steps on a GPU; None on the CPU.
+        recalls_beside: whether limbs are recalled in a thread of their own.
         reading: how long reading took so far [s].
     """
 
@@ -140,8 +144,8 @@ class _MaskWindow:
         self.searched, self.limits = subject.body.skeleton.searched(config.dof), search_limits(subject, config)
         self._places = min(frames_held(raw.rate), len(raw.frame_numbers))
         self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
-        # One fitter for the poses of all frames held, one for the body too, one for limbs that are far from the masks,
-        # and one for views that lie beside the body.
+        # Fitters for the poses of all frames held, for limbs recalled meanwhile, for the body too, for what is far from
+        # the masks, and for views that lie beside the body.
         candidates = max(STARTS, len(self.pairs), min(CANDIDATES, self._places))
         self._fitter = fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
         self.body_changes = uncertainty.body_changes(subject.body)
@@ -153,6 +157,10 @@ class _MaskWindow:
         # A GPU solves the clip's steps as well; all runs share it.
         self.points = MotionPoints(subject.body.skeleton, subject.body.joint_rest, self.searched)
         device = resolve_device(config.device)
+        self.recalls_beside = device == "cpu" and (config.threads or available_threads()) > 1
+        self._recall_fitter = make_fitter(
+            subject, raw.cameras, config, RECALLED if self.recalls_beside else 1, like=fitter
+        )
         self.band = None if device == "cpu" else DeviceBand(self.points, self._places, device)
         self._objective = make_objective(subject, raw.cameras, config, max(candidates, len(raw.pose)))
         self._uncovered = UncoveredArea(subject, raw.cameras, resolve_device(config.device))
@@ -175,9 +183,15 @@ class _MaskWindow:
         while self._read < end:
             self._observe(min(_OBSERVED, self._places - self._read % self._places, end - self._read))
 
-    def descend(self, frames: np.ndarray, begin: RootedPoses, neighbours: Neighbours) -> tuple[RootedPoses, np.ndarray]:
-        """Poses that the contours of frames of the window lead to from some, and what they cost (pose,)."""
-        return self._fitter.descended(frames % self._places, begin, neighbours, _STEPS)
+    def descend(
+        self, frames: np.ndarray, begin: RootedPoses, neighbours: Neighbours, beside: bool = False
+    ) -> tuple[RootedPoses, np.ndarray]:
+        """Poses that the contours of frames of the window lead to from some, and what they cost (pose,).
+
+        Two threads may do so at the same time, one of them ``beside`` the other.
+        """
+        fitter = self._recall_fitter if beside else self._fitter
+        return fitter.descended(frames % self._places, begin, neighbours, _STEPS)
 
     def pairs_from_rest(self, frame: int, there: RootedPoses) -> RootedPoses:
         """Poses (pair,) that the contours lead to from one (1,) with each pair of limbs at rest."""
@@ -271,6 +285,7 @@ class _RunSmoother:
         backward = None if mending else BackwardPass(
             self._descend, self._linearise, self._rooting, masks.points,
             raw.rate, self._area_costs, coordinates, from_rest, lambda pose: mirrored(skeleton, pose), self,
+            partial(self._descend, beside=True) if masks.recalls_beside else None,
         )  # fmt: skip
         problem = ClipProblem(self._linearise, self._rooting, masks.points, raw.rate, backward, masks.band)
         acceleration = config.acceleration or ACCELERATION
@@ -363,9 +378,9 @@ class _RunSmoother:
         held.matrix[:] = _HELD_INFORMATION * np.eye(contour.matrix.shape[1])
         return held.where(self._mending.held[frames], contour)
 
-    def _descend(self, frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
-        """Poses that the contours of frames lead to from some, and what they cost (pose,)."""
-        return self._masks.descend(frames, starts, self._neighbours(frames))
+    def _descend(self, frames: np.ndarray, starts: RootedPoses, beside: bool = False) -> tuple[RootedPoses, np.ndarray]:
+        """Poses that the contours of frames lead to from some, and what they cost (pose,); see ``_MaskWindow``."""
+        return self._masks.descend(frames, starts, self._neighbours(frames), beside)
 
     def _neighbours(self, frames: np.ndarray) -> Neighbours:
         """The poses before and after frames, from which late views know how the body moves."""

@@ -92,8 +92,9 @@ class TrackConfig:
 
     @property
     def budget(self) -> int:
-        """Evaluations of a frame's search."""
-        return BUDGETS.get(self.algorithm, BUDGET) if self.evaluations is None else self.evaluations
+        """Evaluations of a frame's search; none where an algorithm has none."""
+        usual = BUDGETS.get(self.algorithm, BUDGET)
+        return self.evaluations if usual and self.evaluations is not None else usual
 
     @property
     def fits_contours(self) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from dataclasses import replace
 from itertools import product
 
@@ -192,6 +194,25 @@ def test_a_limb_that_is_lost_to_the_end_is_recalled_from_before():
     recalling = BackwardPass(clip.descend, clip.linearise, clip.rooting, clip.points, RATE, clip.areas, [limb])
     assert clip.error(revised(recalling, known)).max() < 0.02
     assert revised(recalling, clip.truth) is clip.truth
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.02])
+def test_limbs_that_are_recalled_beside_the_way_change_no_pose(seconds):
+    """The way has gone on by one frame or by many when a limb is found."""
+    clip, limb = TwoBasins(np.full(FRAMES, 1.2)), np.arange(BODY.skeleton.coordinates)[ELBOW]
+    known = clip.truth.where(np.arange(FRAMES) < ASTRAY.start, clip.other)
+    threads = []
+
+    def beside(frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
+        threads.append(threading.current_thread())
+        time.sleep(seconds)
+        return clip.descend(frames, starts)
+
+    in_turn = revised(replace(clip.backward, limbs=[limb]), known)
+    poses = revised(replace(clip.backward, limbs=[limb], beside=beside), known)
+    assert threads[0] is not threading.current_thread()
+    np.testing.assert_array_equal(poses.pose, in_turn.pose)
+    assert clip.error(poses).max() < 0.02
 
 
 def test_a_recalled_limb_that_fits_the_areas_far_worse_is_not_fitted():

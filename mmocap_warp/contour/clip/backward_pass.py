@@ -8,7 +8,9 @@ from rest. A limb that leaps away and soon back may have gone straight on.
 """
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -32,6 +34,11 @@ class UncoveredMask(Protocol):
 AreaCost = Callable[[np.ndarray, RootedPoses, np.ndarray | None], np.ndarray]
 """Area (pose,) that only mask or body covers; quicker for poses of a frame that differ in given coordinates alone."""
 
+Descend = Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarray]]
+"""Poses that contours lead to from some, each in its frame (pose,), and what they cost (pose,)."""
+
+_Look = Future[RootedPoses | None] | None
+
 AHEAD = 0.6  # frames are followed back from so far beyond a window [s]: its own end may be where a limb is lost
 STARTS = 2  # starts of a frame that is followed back: the last pose, and where its motion leads
 _MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
@@ -54,8 +61,7 @@ _ACCELERATION = 36.0  # standard deviation of a joint's acceleration [m/s^2]: fr
 class BackwardPass:
     """Follows frames from the last to the first, and chooses between what is found and what was known."""
 
-    # poses that contours lead to from some, each in its frame (pose,), and what they cost (pose,)
-    descend: Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarray]]
+    descend: Descend
     linearise: LineariseFrames  # the contours' equations
     rooting: Rooting  # moves poses
     points: MotionPoints  # what is kept from accelerating
@@ -66,6 +72,7 @@ class BackwardPass:
     pairs_from_rest: Callable[[int, RootedPoses], RootedPoses] | None = None
     mirrored: Callable[[np.ndarray], np.ndarray] | None = None  # a pose (coordinate,) with left and right exchanged
     uncovered: UncoveredMask | None = None  # tells of limbs that masks show and the body does not; None to do without
+    beside: Descend | None = None  # as ``descend``, in another thread at the same time; None to do all in turn
 
     def revised(
         self, frames: np.ndarray, known: RootedPoses, held: RootedPoses, contour: NormalEquations
@@ -184,55 +191,81 @@ class BackwardPass:
     def _followed_back(self, frames: np.ndarray, known: RootedPoses, cost: np.ndarray, seen: np.ndarray) -> RootedPoses:
         """Poses from the last frame that is seen to the first, each found from those after it.
 
-        Where what is found costs clearly more than what is known (frame,), the way goes on from what is known.
+        Where what is found costs clearly more than what is known (frame,), the way goes on from what is known. Limbs
+        are recalled beside the way, which goes back to their frame where one is found.
         """
         rooting, way, end = self.rooting, known, int(np.flatnonzero(seen)[-1])
         last = before = rooting.leave(known[end : end + 1], np.zeros(3))[0]
-        aside = max(1, self._recall_frames // 2)
         poses = known[seen].pose
         own = poses[:: max(1, round(_MEMORY_INTERVAL * self.rate))]
         # Drawing limbs alone is cheap enough to try the other side's poses of more frames.
         of_other_side = list(map(self.mirrored, poses[:: self._recall_frames])) if self.mirrored and self.limbs else []
-        for f in reversed(range(end + 1)):
-            if not seen[f]:
-                continue
-            if f < end:
-                way = self._one_frame_back(frames[f], f, way, last, before, _LOST_COST * cost[f])
-            # Now and then, look for limbs that are lost in both directions of time.
-            there, better = way[f : f + 1], None
-            if self.limbs and (end - f) % self._recall_frames == 0:
-                better = self._with_limb_recalled(int(frames[f]), there, own)
-            if not better and (end - f) % (_RECALLS_A_LONGER_LOOK * self._recall_frames) == 0:
-                if of_other_side:
-                    better = self._with_limb_recalled(int(frames[f]), there, np.array(of_other_side))
-                if self.pairs_from_rest and not better:
-                    better = self._better(int(frames[f]), there, self.pairs_from_rest(int(frames[f]), there))
-            if self.uncovered and (end - f) % self._recall_frames == 0:
-                now = better or there
-                # What one frame alone shows may be a fault of its masks.
-                beside = [g for g in (f - aside, f + aside) if 0 <= g <= end and seen[g]]
-                areas = (self.uncovered.area(int(frames[g]), way[g : g + 1])[0] for g in beside)
-                if self.uncovered.area(int(frames[f]), now)[0] >= 1.0 and max(areas, default=0.0) >= 1.0:
-                    starts = self.uncovered.limbs_reaching(int(frames[f]), now)
-                    better = self._better(int(frames[f]), now, starts, covers=True) or better
-            before, last = last, rooting.leave(better or there, last[ROOT_ANGLES])[0]
-            if better:
-                before = last  # no motion led there
-                way = self._followed_ahead(frames, way.with_frames(np.array([f]), better), f, seen)
+        memory = [own, np.array(of_other_side)]
+        f, begun, look = end, (end, way, last), None
+        with ThreadPoolExecutor(1) as pool:
+            while f >= 0 or look:
+                is_recall = f < 0 or (end - f) % self._recall_frames == 0
+                if look and (is_recall or look.done()):
+                    better, look = look.result(), None
+                    if better:
+                        f, way, last = begun
+                        before = last = rooting.leave(better, last[ROOT_ANGLES])[0]  # no motion led there
+                        way = self._followed_ahead(frames, way.with_frames(np.array([f]), better), f, seen)
+                        f -= 1
+                    continue
+                if seen[f]:
+                    if f < end:
+                        way = self._one_frame_back(frames[f], f, way, last, before, _LOST_COST * cost[f], look)
+                    if is_recall:
+                        begun, whole = (f, way, last), (end - f) % (_RECALLS_A_LONGER_LOOK * self._recall_frames) == 0
+                        recalled = partial(self._recalled, frames, way, f, seen, memory, whole)
+                        look = pool.submit(recalled) if self.beside else Future()
+                        if not self.beside:
+                            look.set_result(recalled())
+                    before, last = last, rooting.leave(way[f : f + 1], last[ROOT_ANGLES])[0]
+                f -= 1
         return rooting.refold(way)
 
+    def _recalled(
+        self, frames: np.ndarray, way: RootedPoses, f: int, seen: np.ndarray, memory: list[np.ndarray], whole: bool
+    ) -> RootedPoses | None:
+        """A better pose (1,) for frame ``f`` of the way, with a limb that is lost in both directions of time.
+
+        The ``memory`` has poses, and others of the other side, which are tried in a ``whole`` look.
+        """
+        frame, there, better = int(frames[f]), way[f : f + 1], None
+        own, of_other_side = memory
+        if self.limbs:
+            better = self._with_limb_recalled(frame, there, own)
+        if whole and not better:
+            if len(of_other_side):
+                better = self._with_limb_recalled(frame, there, of_other_side)
+            if self.pairs_from_rest and not better:
+                better = self._better(frame, there, self.pairs_from_rest(frame, there))
+        if self.uncovered:
+            now, aside = better or there, max(1, self._recall_frames // 2)
+            # What one frame alone shows may be a fault of its masks.
+            beside = [g for g in (f - aside, f + aside) if 0 <= g < len(way) and seen[g]]
+            areas = (self.uncovered.area(int(frames[g]), way[g : g + 1])[0] for g in beside)
+            if self.uncovered.area(frame, now)[0] >= 1.0 and max(areas, default=0.0) >= 1.0:
+                starts = self.uncovered.limbs_reaching(frame, now)
+                better = self._better(frame, now, starts, covers=True) or better
+        return better
+
     def _one_frame_back(
-        self, frame: int, f: int, way: RootedPoses, last: np.ndarray, before: np.ndarray, most: float
+        self, frame: int, f: int, way: RootedPoses, last: np.ndarray, before: np.ndarray, most: float, look: _Look
     ) -> RootedPoses:
         """The way with frame ``f`` fitted from the poses (coordinate,) of the two frames after it.
 
-        It stays as it is where the fit costs ``most`` or more.
+        It stays as it is where the fit costs ``most`` or more. A ``look`` goes on beside.
         """
         rooting = self.rooting
         fitted, cost = self.descend(np.full(STARTS, frame), next_starts(rooting, last, before))
         best = int(np.argmin(cost))
         found, least = fitted[best : best + 1], cost[best]
         if least >= most:
+            if look:
+                wait([look])  # one at a time asks for uncovered masks
             both = way[f : f + 1].followed_by(rooting.refold(found))
             most, least = self._with_uncovered(frame, both, np.array([most, least]))
         return way.with_frames(np.array([f]), found) if least < most else way
@@ -282,7 +315,7 @@ class BackwardPass:
         """
         starts = there.followed_by(starts)
         at = np.full(len(starts), frame)
-        fitted, contours = self.descend(at, starts)
+        fitted, contours = (self.beside or self.descend)(at, starts)
         fitted = self.rooting.refold(fitted)
         if not (differs := self._differ(fitted, there)).any():
             return None

@@ -1,6 +1,7 @@
 """Signed distances to the contours of masks: how far, and which way, an outline is from where it should be."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -10,7 +11,7 @@ from mmocap_warp.device.transfers import Replays, Upload
 from mmocap_warp.kernels import block
 from mmocap_warp.kernels.contour.distance import Masks, Workings, find_boxes, measure_distances, pixels_of, place_boxes
 from mmocap_warp.kernels.contour.residuals import Fields
-from mmocap_warp.kernels.structs import allocated
+from mmocap_warp.kernels.structs import allocated, filled
 from mmocap_warp.masks.observation import Observation, words_per_row
 
 _LEAST_PIXELS = 50  # a view with fewer foreground pixels shows nobody
@@ -108,6 +109,11 @@ class DistanceFields:
             values[...] = 0 if observation.hidden is None else observation.hidden
         self._upload.send(frames)
         wp.copy(fields.hidden[first : first + frames], self._hidden[:frames])
+
+    def judging(self, frame: wp.array[wp.int32]) -> Fields:
+        """What kernels take that judge candidates against frames (candidate,) other than those of ``struct``."""
+        known: Any = Fields
+        return filled(Fields, **{name: getattr(self.struct, name) for name in known.vars} | {"frame": frame})
 
     @property
     def addresses(self) -> tuple[int | None, ...]:

@@ -107,12 +107,15 @@ class ContourFitter:
 
         # The masks of frames, the cameras, and how the body moves in the time by which a view is late.
         self.fields: DistanceFields = like.fields if like else DistanceFields(rig, frames, candidates, device)
+        self._place = wp.zeros(
+            candidates, dtype=wp.int32, device=device
+        )  # each candidate's frame, of this fitter alone
         self._late: np.ndarray = like._late if like else np.zeros((frames, cameras), np.float32)
         self._views = make_views(rig, device)
         self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
         skin = dict.fromkeys(("velocity", "bend"), (candidates, vertices))
         late = like._moving.late if like else self._late
-        self._moving: Any = allocated(Moving, device, late=late, frame=self.fields.struct.frame, own=0.0, **skin)
+        self._moving: Any = allocated(Moving, device, late=late, frame=self._place, own=0.0, **skin)
 
         # From outlines to residuals, rows of the Jacobian, and their sums.
         settings = asdict(matching or MatchingConfig())
@@ -130,7 +133,7 @@ class ContourFitter:
         self.descent = make_descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
         for module in (skinning, moving, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
-        self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.struct.frame)]
+        self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self._place)]
         self._replays, self._recordings = Replays(device), Recordings()
         self._answers = Download([self.descent.best, self.descent.tally])
         self._summed_up = Download([self._sums.triangle.reshape((*view, triangle_words(width))), self._sums.tally])
@@ -261,7 +264,7 @@ class ContourFitter:
     def descend(self, count: int, steps: int) -> None:
         """Take damped steps with the first ``count`` candidates, from ``descent.pose`` towards lower cost.
 
-        Before: ``descent.pose``, ``body.root_base`` and ``fields.frame`` are set. After: ``descent.best`` has the
+        Before: ``descent.pose``, ``body.root_base`` and the frames' places are set. After: ``descent.best`` has the
         poses, with their ``cost`` and ``tally``. On a GPU nothing waits for them, and the second descent of a kind is
         captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
         """
@@ -317,7 +320,7 @@ class ContourFitter:
         outline, residuals = self._outline, self._residuals
         self._skin(batch)
         find_contours(self._edges, self._posed.vertex, self._moving, self._views, batch, outline)
-        find_residuals(outline, self.fields.struct, self._views, self._matching, batch, residuals)
+        find_residuals(outline, self.fields.judging(self._place), self._views, self._matching, batch, residuals)
         sum_tallies(outline, residuals, batch, self._sums)
 
     def _differentiate(self, batch: Batch) -> None:

@@ -116,6 +116,8 @@ def engine_of(
         UsageError: arguments that cannot be.
         InputError: Ray is not installed, or there is no such cluster.
     """
+    if threads is not None and threads < 1:
+        raise UsageError(f"--threads must be at least 1, got {threads}")
     if engine == "local":
         from mmocap_warp.device.resolve import device_kind
         from mmocap_warp.jobs.local_engine import LocalEngine, local_devices

@@ -14,7 +14,7 @@ from mmocap_warp.study.source import open_sequence
 @releases_locks
 def make_sequences(
     folder: str | Path,
-    sequences: Sequence[str] = (),
+    sequences: str | Sequence[str] = (),
     *,
     frames: int | None = None,
     degrade: str = "none",
@@ -48,6 +48,7 @@ def make_sequences(
         UsageError: arguments that cannot be, or that contradict each other.
         InputError: a clip that cannot be read, or a folder that cannot be written to.
     """
+    sequences = [sequences] if isinstance(sequences, str) else sequences
     if unknown := [name for name in sequences if name not in CLIPS]:
         raise UsageError(f"--sequence {unknown[0]} is not one of {', '.join(CLIPS)}")
     if frames is not None and frames < 1:
@@ -58,6 +59,8 @@ def make_sequences(
         raise UsageError(f"--clip needs a --sequence of {', '.join(SEQUENCES)}, got {sequences[0]}")
     if seed < 0:
         raise UsageError(f"--seed must be at least 0, got {seed}")
+    if seed and degrade == NONE:
+        raise UsageError("--seed is of what --degrade does at random: give both")
     given = CLIPS if clip is None else {sequences[0]: clip_sequence(sequences[0], clip)}
     chosen = {name: given[name].first(frames) for name in sequences or tuple(SEQUENCES)}
     try:

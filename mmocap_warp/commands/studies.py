@@ -83,6 +83,10 @@ def run_study(
         InputError: a study that is wrong, or a folder that cannot be used.
     """
     loaded = study if isinstance(study, Study) else load_study(Path(study))
+    if engine == "local" and (workers is not None or gpus != 1.0 or address != "auto"):
+        raise UsageError("--workers, --gpus and --address need --engine ray; here --device cpu,cpu is two workers")
+    if engine == "ray" and (device != "auto" or threads is not None):
+        raise UsageError("--device and --threads are of this machine, and cannot be given with --engine ray")
     if poses not in ("all", "typical"):
         raise UsageError(f"--poses must be all or typical, got '{poses}'")
     seconds = seconds_of(minutes)
@@ -96,18 +100,21 @@ def run_study(
     keep = {"keep": with_typical_pose} if poses == "typical" else {}
     warn = (reporter or Reporter()).warn
 
-    spent = 0.0  # seconds that earlier calls took of those that the run may take
+    evaluations, finished, spent = 0, 0, 0.0  # what earlier calls have done, and seconds that they took of the run's
 
     def track(chosen: list[CellTask]) -> Status:
-        nonlocal spent
+        nonlocal evaluations, finished, spent
         left = None if seconds is None else max(0.0, seconds - spent)
         status = run_jobs(chosen, start, show or (lambda status: None), warn, left, **keep)
-        spent += status.seconds
+        spent, finished = spent + status.seconds, finished + status.finished
+        evaluations += status.evaluations
         return status
 
     if accept_changed_code:
         keep_earlier_cells(loaded, tasks, kind, track, (reporter or Reporter()).note)
     status = track(tasks)
+    reused = status.reused - (finished - status.finished)
+    status = replace(status, reused=reused, finished=finished, evaluations=evaluations, seconds=spent)
     return StudyRun(loaded.name, folder, status, _summaries(tasks))
 
 
@@ -146,7 +153,7 @@ def report_study(
     results: str | Path | Sequence[str | Path],
     output: str | Path = "report.html",
     *,
-    studies: Sequence[Study | str | Path] = (),
+    studies: Study | str | Path | Sequence[Study | str | Path] = (),
     alone: str | Path | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
@@ -173,7 +180,8 @@ def report_study(
     page = new_file(output, ".html", force=force)
     tables = new_file(page.with_name("tables.md"), ".md", force=force)
     cells = new_file(page.with_name("results.csv"), ".csv", force=force)
-    loaded = [study if isinstance(study, Study) else load_study(Path(study)) for study in studies]
+    listed = [studies] if isinstance(studies, str | Path | Study) else studies
+    loaded = [study if isinstance(study, Study) else load_study(Path(study)) for study in listed]
     start_warp()
     notes: list[str] = []
 
@@ -189,11 +197,14 @@ def report_study(
     tracked = StudySummary.of(sound_results(*folders))
     if not tracked.measures:
         raise InputError(folders[0], "holds no result", "run 'mmocap study run' first, or name its folder")
+    times = {} if alone is None else seconds_alone(sound_results(Path(alone)))
+    if alone is not None and not times:
+        raise InputError(alone, "holds no result of one seed", "name the folder of a study with seeds = 1")
     clips = clips_of(tracked, {clip.name: clip for each in loaded for clip in each.clips})
     summary = replace(
         tracked,
         baselines=baselines(tracked, clips),
-        alone={} if alone is None else seconds_alone(sound_results(Path(alone))),
+        alone=times,
         planned=frozenset(plan.cell for each in loaded for plan in each.plans),
     )
     if mixed := mixture(summary):

@@ -125,6 +125,10 @@ class Search:
         for moved in self._moved:
             objective.prepare(runs, moved)
         self._sizes = [optimizer.plan(share) for optimizer, share in zip(optimizers, shares, strict=True)]
+        for optimizer, share, sizes in zip(optimizers, shares, self._sizes, strict=True):
+            if sum(sizes) > share or max(sizes, default=0) > optimizer.particles:
+                most = f"{share} candidates, {optimizer.particles} at a time"
+                raise ValueError(f"{type(optimizer).__name__}.plan may have at most {most}, got {list(sizes)}")
         self._limits = make_limits(limits, device)
         self.best_pose = wp.zeros((runs, len(limits)), dtype=wp.float32, device=device)
         self.best_cost = wp.zeros(runs, dtype=wp.float32, device=device)

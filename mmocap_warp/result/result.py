@@ -137,7 +137,8 @@ class Result:
         chosen = np.asarray(positions, int)
         arrays = {name: array[:, chosen] for name, array in self.arrays.items()}
         before = self.left_out_before + int(chosen[0])
-        return replace(self, frame_numbers=self.frame_numbers[chosen], left_out_before=before, **arrays)
+        numbers, seconds = self.frame_numbers[chosen], self.seconds * len(chosen) / len(self.frame_numbers)
+        return replace(self, frame_numbers=numbers, left_out_before=before, seconds=seconds, **arrays)
 
     def joints(self, joint_set: str | Path = RIG) -> np.ndarray:
         """Joint centres in the world: (run, frame, joint, 3) float64 [m], in the order of :meth:`joint_names`.

@@ -15,7 +15,7 @@ from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.metrics import measure
-from mmocap_warp.study.source import Clip, OpenClip, open_clip
+from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.study.summary import CellSummary, StudySummary, summarise
 
 _FIRST_STEP = 0.3  # how far the first frame's search may take the root [m]
@@ -38,7 +38,7 @@ def baselines(study: StudySummary, clips: Mapping[str, Clip]) -> dict[tuple[str,
             continue
         longest = max(cells, key=lambda cell: len(cell.frames))
         opened = open_clip(replace(clip, frames=len(longest.frames)))
-        if opened.truth is None or not is_of(longest, opened.subject, opened.rig):
+        if opened.truth is None or not is_of(longest, clip, opened.subject, opened.rig):
             continue
         still = np.repeat(opened.subject.pose[None], opened.frames, axis=0)
         poses = {"stands-still": still}
@@ -49,8 +49,11 @@ def baselines(study: StudySummary, clips: Mapping[str, Clip]) -> dict[tuple[str,
     return found
 
 
-def is_of(cell: CellSummary, subject: Subject, rig: CameraRig) -> bool:
+def is_of(cell: CellSummary, clip: Clip, subject: Subject, rig: CameraRig) -> bool:
     """Whether a result is of this recording, not of another of the same name: the body starts where it says."""
+    tracked = cell.meta.get("clip")  # results of before December 2026 do not say
+    if tracked and tracked != clip_facts(replace(clip, frames=len(cell.frames))).identity:
+        return False
     start = cell.typical_pose[0, :3] - subject.pose[:3]
     return list(rig.names) == cell.meta.get("cameras") and float(np.linalg.norm(start)) < _FIRST_STEP
 

@@ -16,7 +16,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import write_whole
 
 # The parts of ``meta`` that say where and when a result was made: with the seconds, all that a repetition changes.
-_PROVENANCE = ("study", "host", "started", "wall_seconds", "versions", "code", "code_covers")
+_PROVENANCE = ("study", "host", "started", "wall_seconds", "versions", "code", "code_covers", "clip")
 PROVENANCE_FILE = "provenance.json"
 """The member of a result's file that holds these."""
 
@@ -59,7 +59,7 @@ class CellResult:
     # :func:`mmocap_warp.study.summary.with_typical_pose`
     pose: np.ndarray
     # JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``device``, ``host``, ``started``,
-    # ``wall_seconds``, ``study``, ``code`` and ``code_covers`` (see :func:`mmocap_warp.code_hash.code_hash`)
+    # ``wall_seconds``, ``study``, ``clip`` (its identity), ``code`` and ``code_covers`` (see ``mmocap_warp.code_hash``)
     meta: dict[str, Any]
 
     def __post_init__(self) -> None:

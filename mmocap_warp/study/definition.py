@@ -50,6 +50,7 @@ def load_study(path: str | Path) -> Study:
     table = file.take_table("study")
     common = {key: _whole(table, key, *of) for key, of in _WHOLE.items()} | {"scale": table.take("scale", float, 1.0)}
     name = table.take("name", str, path.stem)
+    file_name(name, f"{path}: [study] name")
     table.finish()
     table = file.take_table("sequences")  # the user's own: scene file by name
     scenes = {}
@@ -89,13 +90,15 @@ def _grid(grid: Table, number: int, common: dict[str, Any], scenes: dict[str, Pa
     plans, scale = [], common["scale"]
     for sequence, preset, evaluations, dof, algorithm in product(*axes):
         name, *extras = algorithm.split("+")
-        if not set(extras) <= set(_EXTRAS):
-            raise grid.error(f"algorithm '{algorithm}' has another + than {list(_EXTRAS)}", "correct that value")
+        if extras != [extra for extra in _EXTRAS if extra in extras]:
+            problem = f"algorithm '{algorithm}' has another + than {list(_EXTRAS)}, each once and in this order"
+            raise grid.error(problem, "correct that value")
         values = {"dof": dof, "evaluations": evaluations, "seed": seed, "runs": seeds, "preset": preset, "scale": scale}
         try:
             config = TrackConfig(algorithm=name, polish="polish" in extras, **values)
         except ValueError as error:
             raise grid.error(str(error), "correct that value") from None
+        config = config if config.budget else replace(config, evaluations=None)  # it searches nothing
         if sequence not in scenes and dof not in _PERSON_DOFS:  # who is in a scene of one's own is not known yet
             raise grid.error(f"dof must be one of {list(_PERSON_DOFS)}, got {dof}", "correct that value")
         clip = Clip(sequence, scenes.get(sequence), frames, scale)

@@ -89,6 +89,7 @@ class Worker:
             "config": {name: value for name, value in tracked.config.items() if name not in ("device", "threads")},
             "device": device_kind(self.device),
             "versions": tracked.versions,
+            "clip": job.clip_identity,
             "code": job.code,
             "code_covers": _covered(job.config, job.clip, job.solved),
             "host": socket.gethostname(),

@@ -77,7 +77,7 @@ def best_and_worst(
         if sequence in clips:
             places = extreme_frames(cell, measure)
             recording = open_recording(clips[sequence], [int(cell.frames[place]) for place in places])
-            if is_of(cell, recording.subject, recording.rig):
+            if is_of(cell, clips[sequence], recording.subject, recording.rig):
                 best, worst = (_picture(recording, cell, place) for place in places)
                 if best is not None and worst is not None:
                     yield best, worst
@@ -90,7 +90,7 @@ def side_by_side(study: StudySummary, sequence: str, dof: int, budget: int, clip
         return []
     places = [int(min(len(cell.frames) for cell in cells) * share) for share in (0.3, 0.6, 0.9)]
     recording = open_recording(clip, [int(cells[0].frames[place]) for place in places])
-    if not is_of(cells[0], recording.subject, recording.rig):
+    if not is_of(cells[0], clip, recording.subject, recording.rig):
         return []
     fullest = {number: int(np.argmax(seen.foreground)) for number, seen in recording.seen.items()}
     rows = ([_picture(recording, cell, at, fullest.get(int(cell.frames[at]))) for at in places] for cell in cells)

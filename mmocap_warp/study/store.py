@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
@@ -17,6 +18,7 @@ from mmocap_warp.study.cell import PROVENANCE_FILE, Cell, CellResult, read_cell,
 from mmocap_warp.study.definition import Plan, Study
 from mmocap_warp.study.job import Job, code_of
 from mmocap_warp.study.source import clip_facts, shipped_bodies
+from mmocap_warp.tracking.algorithms import ALGORITHMS
 
 _KEY_DIGITS = 20  # of 64; in a folder of a million results two keys are alike with a chance of 4e-13
 _ABANDONED = 60.0  # a file that has been half written for so long will not be finished [s]
@@ -31,7 +33,8 @@ class CellTask(Task):
 
     def check(self) -> None:
         """See :class:`~mmocap_warp.jobs.job_run.Task`."""
-        read_cell(self.path)
+        if read_cell(self.path).cell != self.job.cell:
+            raise InputError(self.path, "is the result of another cell", "delete it")
 
     def store(self, result: CellResult) -> None:
         """See :class:`~mmocap_warp.jobs.job_run.Task`."""
@@ -72,6 +75,9 @@ def content_key(plan: Plan, clip_identity: str, device_kind: str, code: str | No
     settings = {name: value for name, value in asdict(plan.config).items() if name not in ("device", "threads")}
     depends = {"cell": asdict(plan.cell), "clip": clip_identity, "config": settings, "device": device_kind}
     depends["code"] = code or code_of(plan.config, plan.clip, plan.solved)
+    made = ALGORITHMS[plan.config.algorithm].source if plan.config.algorithm in ALGORITHMS else ""
+    if isinstance(made, partial):  # an optimizer of one's own, whose settings are in it
+        depends["optimizer"] = re.sub(" at 0x[0-9a-f]+", "", repr(made))
     if plan.solved:
         depends["bodies"] = shipped_bodies()  # among them the one that is expected before anything is seen
     return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]
@@ -161,6 +167,7 @@ def _earlier_result(task: CellTask, plan: Plan, device_kind: str) -> Path | None
 
 
 def _answer(file: Path) -> dict[str, bytes]:
-    """The members of a result's file that a repetition gives bit for bit."""
+    """The members of a result's file that a repetition gives bit for bit; poses are kept of all runs or of one."""
     with zipfile.ZipFile(file) as members:
-        return {name: members.read(name) for name in members.namelist() if name != PROVENANCE_FILE}
+        names = [name for name in members.namelist() if name not in (PROVENANCE_FILE, "pose.npy")]
+        return {name: members.read(name) for name in names}

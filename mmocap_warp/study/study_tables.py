@@ -90,8 +90,9 @@ def _rank(study: StudySummary, measure: Measure, contenders: list[Contender]) ->
     lower = measure.sign * scores
     of_blocks = statistics.ranks(lower.mean(axis=2))
     average, drawn = of_blocks.mean(axis=0), statistics.resampled_means(lower)
-    rank_ends = statistics.central(statistics.ranks(drawn).mean(axis=1)).T.tolist()
-    mean_ends = np.sort(measure.sign * statistics.central(drawn.mean(axis=1)), axis=0).T.tolist()
+    known_ends = np.where(scores.shape[2] > 1, 0.0, np.nan)  # one run says nothing of others
+    rank_ends = (statistics.central(statistics.ranks(drawn).mean(axis=1)) + known_ends).T.tolist()
+    mean_ends = (np.sort(measure.sign * statistics.central(drawn.mean(axis=1)), axis=0) + known_ends).T.tolist()
     # A row for each contender, the control first.
     comparisons, names = statistics.against_control(average, len(shared)), list(found)
     control, rows = comparisons[0].algorithm, []
@@ -131,6 +132,7 @@ def model_differences(study: StudySummary, measure: Measure) -> list[ModelDiffer
         scores = _scores(pair, shared, measure)
         drawn, lower = statistics.resampled_means(scores), measure.sign * scores
         low, high = statistics.central((drawn[..., 0] - drawn[..., 1]).mean(axis=1)).tolist()
+        low, high = (low, high) if scores.shape[2] > 1 else (np.nan, np.nan)
         difference = float((scores[:, 0] - scores[:, 1]).mean())
         better = statistics.superiority(lower[:, 0], lower[:, 1])
         p = statistics.signed_rank(scores.mean(axis=2)) if len(shared) >= FEWEST_SEQUENCES else np.nan

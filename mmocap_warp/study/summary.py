@@ -157,8 +157,10 @@ class StudySummary:
 
     def __post_init__(self) -> None:
         presets = [cell.preset for cell in self.cells]
-        # of most cells: the one that the study is about
-        self.preset: str = max(sorted(set(presets)), key=presets.count, default="")
+        # of most cells: the one that the study is about; of equally many the default one
+        self.preset: str = max(
+            sorted(set(presets)), key=lambda name: (presets.count(name), name == Cell.preset), default=""
+        )
         # all of them, the main one first
         self.presets = sorted(set(presets), key=lambda name: (name != self.preset, name))
         main = [cell for cell in self.cells if cell.preset == self.preset]
@@ -246,11 +248,10 @@ class StudySummary:
 
 
 def seconds_alone(results: Iterable[CellResult]) -> dict[Contender, float]:
-    """Seconds that a frame takes, by contender: mean over its results, each of a run that was tracked alone."""
+    """Seconds that a frame takes, by contender: mean over those results that are of one run, tracked alone."""
     of: dict[Contender, list[float]] = {}
-    for result in results:
-        seconds = float(np.mean(result.per_run["seconds"]))
-        of.setdefault(contender(result.cell), []).append(seconds / (len(result.frames) * len(result.seeds)))
+    for result in (result for result in results if len(result.seeds) == 1):
+        of.setdefault(contender(result.cell), []).append(float(result.per_run["seconds"][0]) / len(result.frames))
     return {who: float(np.mean(each)) for who, each in of.items()}
 
 

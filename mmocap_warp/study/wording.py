@@ -50,7 +50,9 @@ def with_unit(value: float, measure: Measure, *, sign: bool = False, space: str 
 
 
 def interval(ends: tuple[float, float], decimals: int) -> str:
-    """The two ends of an interval."""
+    """The two ends of an interval; a dash where they are unknown."""
+    if not np.isfinite(ends).all():
+        return DASH
     return f"{ends[0]:.{decimals}f} to {ends[1]:.{decimals}f}".replace("-", _MINUS)
 
 

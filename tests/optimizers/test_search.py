@@ -10,6 +10,7 @@ from synthetic import SKELETON, synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.kernels.optimizers.populations import make_space
+from mmocap_warp.optimizers.minimize import minimize
 from mmocap_warp.optimizers.pso import Pso
 from mmocap_warp.optimizers.search import Search, share_budget
 from mmocap_warp.tracking.algorithms import ALGORITHMS
@@ -139,3 +140,13 @@ def test_inertia_falls_over_exactly_the_moves_of_every_budget(parts):
         for swarm, sizes in zip(swarms, search._sizes, strict=True):
             moves = len(sizes) - 1  # one between two generations, the last of which may be cut
             assert swarm._parameters.inertia_changes == max(1, moves - 1), evaluations
+
+
+@pytest.mark.parametrize("plan", [[10] * 40, [50, 50]], ids=["the budget", "room"])
+def test_a_plan_beyond_what_it_may_be_is_refused(plan):
+    class Beyond(Pso):
+        def plan(self, evaluations: int) -> list[int]:
+            return plan
+
+    with pytest.raises(ValueError, match=r"Beyond.plan may have at most 199 candidates, 10 at a time, got \["):
+        minimize(lambda points: (points**2).sum(axis=1), np.ones(3), 1.0, 200, optimizer=Beyond)

@@ -70,6 +70,11 @@ def test_a_rate_that_is_none(fps):
         at_rate(replace(synthetic_result(), fps=60.0), fps)
 
 
+def test_some_frames_took_their_share_of_the_time():
+    result = synthetic_result(frames=9)
+    assert result.at([0, 1, 2]).seconds == pytest.approx(result.seconds / 3)
+
+
 def test_frames_of_uneven_steps_are_filled_in():
     result = synthetic_result(frames=9)
     assert evenly(result) is result

@@ -102,6 +102,9 @@ def test_workers_that_are_killed_are_told_in_one_line_and_the_run_fails(study, t
     [
         (["--engine", "cloud"], console.USAGE, "--engine must be local or ray"),
         (["--device", "cuda:99"], console.USAGE, "--device must be"),
+        (["--threads", "0"], console.USAGE, "--threads must be at least 1, got 0"),
+        (["--workers", "2"], console.USAGE, "--workers, --gpus and --address need --engine ray"),
+        (["--engine", "ray", "--device", "cpu"], console.USAGE, "cannot be given with --engine ray"),
     ],
 )
 def test_wrong_flags_are_told(flags, code, message, study, tmp_path, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,14 @@ from tiny_study import write_scene, write_study
 from mmocap_warp.commands.inputs import truth_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.table import export
+from mmocap_warp.optimizers.pso import Pso, PsoConfig
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.source import Clip, clip_facts, open_clip
 from mmocap_warp.study.store import content_key, plan_tasks
+from mmocap_warp.tracking.algorithms import ALGORITHMS
 
 GRID = """
 [[grid]]
@@ -76,6 +79,27 @@ def test_a_grid_is_every_combination_with_what_it_inherits(tmp_path):
     assert {plan.clip.scene for plan in study.plans if plan.cell.sequence == "S1/Box"} == {None}
 
 
+def test_what_searches_nothing_is_tracked_once_for_all_budgets(tmp_path):
+    text = GRID.replace('["pso"]', '["pso", "contour"]').replace("[500]", "[20, 40]")
+    assert [str(plan.cell) for plan in study_of(tmp_path, text).plans] == [
+        "S1/Walking pso 39 DOF 20 evaluations recording",
+        "S1/Walking contour 39 DOF 0 evaluations recording",
+        "S1/Walking pso 39 DOF 40 evaluations recording",
+    ]
+
+
+def test_settings_of_an_optimizer_of_ones_own_are_in_the_key(tmp_path, monkeypatch):
+    (plan,) = study_of(tmp_path, GRID).plans
+
+    def key(source):
+        monkeypatch.setitem(ALGORITHMS, "pso", replace(ALGORITHMS["pso"], source=source))
+        return content_key(plan, "clip", "cpu", "code")
+
+    assert key(partial(Pso, config=PsoConfig())) == key(partial(Pso, config=PsoConfig()))
+    assert key(partial(Pso, config=PsoConfig())) != key(partial(Pso, config=PsoConfig(population=7)))
+    assert key(partial(Pso, config=PsoConfig())) != key(Pso)
+
+
 def test_the_same_cell_twice_is_one(tmp_path):
     assert len(study_of(tmp_path, GRID + GRID).plans) == 1
 
@@ -94,6 +118,10 @@ def test_the_same_cell_twice_is_one(tmp_path):
         ("[sequences]\nA = 3" + GRID, "A = 3 is not a string; name a scene.toml"),
         (GRID.replace('["pso"]', '["psoo"]'), r"\[grid 1\]: algorithm must be one of"),
         (GRID.replace('["pso"]', '["pso+solve"]'), r"'pso\+solve' has another \+ than \['polish', 'solved'\]"),
+        (GRID.replace('["pso"]', '["pso+solved+polish"]'), "each once and in this order"),
+        (GRID.replace('["pso"]', '["pso+polish+polish"]'), "each once and in this order"),
+        ('[study]\nname = "../elsewhere"' + GRID, r"\[study\] name: '../elsewhere' cannot be the name of a file"),
+        ('[study]\nname = ""' + GRID, r"\[study\] name: '' cannot be the name of a file"),
         (GRID.replace('["pso"]', '["contour+polish"]'), "polish is for"),
         (GRID.replace("[39]", "[40]"), r"\[grid 1\]: dof must be one of"),
         (GRID.replace("[500]", "[0]"), "evaluations must be at least 1"),

@@ -5,12 +5,15 @@ from __future__ import annotations
 import shutil
 
 import pytest
-from tiny_study import CELLS, answer_members, run_quietly, tasks_of
+from study_workers import DirectEngine
+from tiny_study import CELLS, FRAMES, answer_members, run_quietly, tasks_of
 
+from mmocap_warp.commands import studies
 from mmocap_warp.study import store
-from mmocap_warp.study.cell import read_cell
+from mmocap_warp.study.cell import read_cell, write_cell
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.store import keep_earlier_cells
+from mmocap_warp.study.summary import with_typical_pose
 
 TRACKERS = 4  # of the tiny study, with three cells each
 
@@ -57,6 +60,23 @@ def test_cells_beyond_the_sample_are_copied_and_name_their_code(study, of_other_
     copied = [task for task in planned if task not in tracked]
     assert {read_cell(task.path).meta["code"] for task in copied} == {"of the version before"}
     assert all(note.endswith("2 more are kept") for note in notes)
+
+
+def test_poses_of_the_typical_run_alone_are_no_other_bits(study, of_other_code, tmp_path):
+    folder = shutil.copytree(of_other_code, tmp_path / "results")
+    for file in folder.glob("*.npz"):
+        write_cell(file, with_typical_pose(read_cell(file)))
+    *_, notes = kept(study, folder)
+    assert all("have the same bits now" in note for note in notes)
+
+
+def test_cells_of_the_sample_count_as_tracked(study, of_other_code, tmp_path, monkeypatch):
+    folder = shutil.copytree(of_other_code, tmp_path / "results")
+    monkeypatch.setattr("mmocap_warp.study.store.sample_of", lambda cells: cells[:1])
+    monkeypatch.setattr(studies, "engine_of", lambda *_: ("cpu", DirectEngine))
+    status = studies.run_study(study, folder, accept_changed_code=True).status
+    assert (status.reused, status.finished) == (CELLS - TRACKERS, TRACKERS)
+    assert status.evaluations == TRACKERS * 2 * FRAMES * 12
 
 
 def test_other_bits_keep_nothing(study, of_other_code, tmp_path, monkeypatch):

@@ -15,13 +15,16 @@ import mmocap_warp as mm
 from mmocap_warp.cli import main
 from mmocap_warp.cli.console import BAD_INPUT, OK
 from mmocap_warp.study.cell import Cell, read_cell, write_cell
+from mmocap_warp.study.report_figures import rank_figure
 from mmocap_warp.study.report_overlays import best_and_worst, extreme_frames, side_by_side
 from mmocap_warp.study.report_setting import mixture
+from mmocap_warp.study.report_tables import effect_cells
 from mmocap_warp.study.sequences import SEQUENCES as SHIPPED
-from mmocap_warp.study.source import Clip
+from mmocap_warp.study.source import Clip, clip_facts
 from mmocap_warp.study.store import result_path
-from mmocap_warp.study.study_tables import by_algorithm
+from mmocap_warp.study.study_tables import by_algorithm, model_differences
 from mmocap_warp.study.summary import MEASURES, StudySummary
+from mmocap_warp.study.wording import DASH
 
 MAIN = MEASURES[0]
 
@@ -59,9 +62,11 @@ def test_pictures_of_another_recording_are_not_drawn():
     here = tracked_walk()
     elsewhere = replace(here, pose=here.pose + np.eye(51, dtype=np.float32)[0] * 2)
     cameras = replace(here, meta=here.meta | {"cameras": ["C1"]})
-    for result in (elsewhere, cameras):
+    clip = replace(here, meta=here.meta | {"clip": "another"})
+    for result in (elsewhere, cameras, clip):
         study = StudySummary.of([result])
         assert side_by_side(study, "S1/Walking", 39, 500, Clip("S1/Walking")) == []
+    here = replace(here, meta=here.meta | {"clip": clip_facts(Clip("S1/Walking", frames=20)).identity})
     rows = side_by_side(StudySummary.of([here]), "S1/Walking", 39, 500, Clip("S1/Walking"))
     assert [[picture.frame for picture in row] for row in rows] == [[6, 12, 18]]
 
@@ -136,6 +141,39 @@ def test_results_of_different_code_are_not_mixed_without_a_word(results, tmp_pat
     assert json.loads(said.out)["mixed_code"].startswith(warning)
     assert warning in Page(page.read_text(encoding="utf-8")).text
     assert warning in (tmp_path / "tables.md").read_text(encoding="utf-8")
+
+
+def test_results_of_different_frames_are_not_mixed_without_a_word():
+    results = list(made_up_study(SEQUENCES[:2], ("h-cmaes", "apf"), (39,), (500,), seeds=3, frames=12))
+    same = [replace(each, meta=each.meta | {"clip": each.cell.sequence}) for each in results[1:]]
+    assert mixture(StudySummary.of([results[0], *same])) == ""  # older results do not say
+    other = replace(results[0], meta=results[0].meta | {"clip": "shorter"})
+    warning = f"Results of different frames, images or truth of {other.cell.sequence} are mixed: report them apart."
+    assert mixture(StudySummary.of([other, *same])) == warning
+
+
+def test_of_equally_many_cells_the_page_is_about_the_default_preset():
+    results = list(made_up_study(SEQUENCES[:1], ("h-cmaes",), (39,), (500,), ("authors", "recording"), 1, 3))
+    assert StudySummary.of(results).preset == "recording"
+
+
+def test_one_seed_has_no_intervals():
+    several, one = (
+        StudySummary.of(made_up_study(SEQUENCES[:2], ("h-cmaes", "apf"), (39, 28), (500,), seeds=seeds, frames=12))
+        for seeds in (3, 1)
+    )
+    for study, dashes in ((several, 0), (one, 2)):
+        ranking = by_algorithm(study, MAIN, 39, 500)
+        assert [effect_cells(row, MAIN).count(DASH) for row in ranking.rows] == [dashes + 1, dashes]
+        Page(rank_figure(ranking, study.algorithms))
+        ends = np.array([each.interval for each in model_differences(study, MAIN)])
+        assert np.isnan(ends).all() == (study is one)
+
+
+def test_times_alone_are_of_one_seed(results, tmp_path, capsys):
+    command = ["study", "report", str(results), "--alone", str(results), "-o", str(tmp_path / "report.html")]
+    assert main(command) == BAD_INPUT
+    assert "holds no result of one seed; name the folder of a study with seeds = 1" in capsys.readouterr().err
 
 
 def test_no_folder_at_all_is_wrong_usage():

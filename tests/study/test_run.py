@@ -157,6 +157,14 @@ def test_a_damaged_result_is_told_and_tracked_again(study, whole, copied):
     assert same_answers(copied, whole)
 
 
+def test_the_result_of_another_cell_is_told_and_replaced(study, whole, copied):
+    (one, other), notes = tasks_of(study, copied)[:2], []
+    shutil.copyfile(other.path, one.path)
+    run_quietly(tasks_of(study, copied), notes=notes)
+    assert notes == [f"{one.path}: is the result of another cell; this cell is repeated"]
+    assert same_answers(copied, whole)
+
+
 def test_a_worker_that_is_killed_is_replaced_and_its_cell_repeated(study, whole, tmp_path):
     notes, serve = [], partial(serve_and_die_once, tmp_path / "mark")
     tasks = tasks_of(study, tmp_path / "results")[:4]

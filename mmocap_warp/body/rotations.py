@@ -11,6 +11,16 @@ def axis_vector(axis: str) -> np.ndarray:
     return np.eye(3)["xyz".index(axis[1])] * (1.0 if axis[0] == "+" else -1.0)
 
 
+def quarter_turn(up: str, new: str) -> np.ndarray:
+    """(3, 3) rotation by quarter turns that takes one signed axis to another."""
+    source, target = axis_vector(up), axis_vector(new)
+    across = np.cross(source, target)
+    if across.any():  # a quarter turn
+        return np.outer(target, source) - np.outer(source, target) + np.outer(across, across)
+    about = axis_vector("+z" if up[1] == "x" else "+x")
+    return 2 * np.outer(about, about) - np.eye(3)
+
+
 def turn(axis: str, angle: np.ndarray | float) -> np.ndarray:
     """(..., 3, 3) rotations about one axis by angles (...) [rad]."""
     a, b = _PLANE[axis]

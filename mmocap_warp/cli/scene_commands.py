@@ -73,7 +73,7 @@ def mask(call: Any) -> Answer:
         "faults": list(report.faults),
         "next": step if good else None,
     }
-    lines = [f"{masks.scene}: {masks.frames} frames, {len(report.views)} cameras", *_mask_table(report, changes)]
+    lines = [f"{masks.scene}: {masks.frames} frames, {len(report.views)} views", *_mask_table(report, changes)]
     if made is not None and made.untouched:
         where, look = "in which views contradict each other throughout", next_step("calib", "check", masks.scene)
         lines.append(f"not made consistent: {made.untouched} frames, {where}; see {look}")

@@ -16,7 +16,7 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.commands.caller import Reporter, arguments_checked, describe, start_warp
-from mmocap_warp.commands.inputs import Frames, scene_from, track_settings
+from mmocap_warp.commands.inputs import Frames, scene_from, scene_reference, track_settings
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.commands.track import fit
 from mmocap_warp.commands.track_people import everybody, file_of
@@ -31,6 +31,7 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.streaming.arrivals import Arrival, arrivals, newest
 from mmocap_warp.streaming.growing_result import GrowingResult, finish
 from mmocap_warp.streaming.senders import Packet, open_sender
+from mmocap_warp.tracking.frame_loop import check_start
 from mmocap_warp.tracking.live_process import Answers, Trackers, make_live
 from mmocap_warp.tracking.live_smoothing import LiveFrame
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -109,7 +110,9 @@ def live(
         for name, known in subjects.items():
             own, hears = (known, rig, rate, chosen), list(listeners)
             if files:
-                kept = GrowingResult(files[name], known, rig, loaded.fps, chosen, range(1) if source else loaded.frames)
+                whose = {"person": name} if source else scene_reference(scenes[name], files[name])
+                of = range(1) if source else loaded.frames
+                kept = GrowingResult(files[name], known, rig, loaded.fps, chosen, of, whose)
                 hears.append(stack.enter_context(closing(kept)))
             people.append(Tracked(name, known, 1 / rate, hears))
             about.append((*own, scenes[name].has_others))
@@ -151,7 +154,7 @@ def _files(record: Path | None, names: list[str], force: bool, reporter: Reporte
     for file in killed:
         reporter.note(f"{file}: holds the frames of a session that was killed")
     for file in written:
-        new_file(file, *USD_SUFFIXES, force=force)
+        new_file(file, *USD_SUFFIXES, force=force and not killed)
     return files
 
 
@@ -246,7 +249,10 @@ def _subject(
         raise InputError(scene.path, "names no subject, and what is to come cannot be fitted to", remedy)
     if known is None:
         known = fit(scene, device=config.device, threads=config.threads, reporter=reporter)
-    subject, notes = subject_carrying(known if isinstance(known, Subject) else read_subject(known), scene.attached)
+    known = known if isinstance(known, Subject) else read_subject(known)
+    if not is_to_come and config.algorithm != "search-contour":  # which alone searches from anywhere
+        check_start(scene, known)
+    subject, notes = subject_carrying(known, scene.attached)
     for note in notes:
         reporter.note(f"attach: {note}")
     return subject

@@ -112,17 +112,30 @@ def mask(
     # The volume of the scene's subject, or else of the body that a fit would start from.
     named = loaded.subject and read_subject(loaded.subject).body
     body = named or load_body(loaded.body or DEFAULT_BODY, loaded.path)
-    judge = MaskJudge(loaded.rig(scale), loaded.frame_count, body.volume, supposed=not (named or loaded.body))
+    supposed = not (named or loaded.body)
+    names = [f"{name}: " for name in loaded.people] or [""]
+    judges = [MaskJudge(loaded.rig(scale), loaded.frame_count, body.volume, supposed=supposed) for _ in names]
+
+    def look(people: list[list[np.ndarray]]) -> None:
+        for judge, masks in zip(judges, people, strict=True):
+            judge.add(masks)
+
     total, consistency = loaded.frame_count, list[Consistency]()
     if by_program if consistent is None else consistent:
         consistency = [Consistency(loaded.rig(scale)) for _ in loaded.people or [loaded]]
     with reporter.stage("mask") as progress:
         options: dict[str, Any] = {"refine": refine, "images": images, "apart": apart, "make_consistent": consistency}
-        written = write_masks(loaded, folder, scale, lambda n: progress(n, total), look=judge.add, **options)
+        written = write_masks(loaded, folder, scale, lambda n: progress(n, total), look=look, **options)
     if program is not None:
         shutil.rmtree(unfinished, ignore_errors=True)
-    report = judge.report()
-    remedy = _remedy(loaded, folder) if report.faults else None
+    # What is said of each person's views, and what was changed in them.
+    reports = [*zip(names, (judge.report() for judge in judges), strict=True)]
+    views = {f"{whose}{name}": view for whose, each in reports for name, view in each.views.items()}
+    faults = tuple(f"{whose}{fault}" for whose, each in reports for fault in each.faults)
+    report = MaskReport(views, sum(each.volume for _, each in reports), faults)
+    remedy = _remedy(loaded, folder) if faults else None
+    for other in consistency[1:]:
+        consistency[0].add(other)
     made = next(iter(consistency), None)
     return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy, made)
 

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import native_path, read_bytes
 
-_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pbm", ".pgm")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pbm", ".pgm")
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def open_video(path: Path) -> VideoFile:
     """A video file."""
     if not os.path.isfile(path):
         raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
-    if path.suffix.lower() in _IMAGE_SUFFIXES:  # of numbered ones OpenCV would make a video
+    if path.suffix.lower() in IMAGE_SUFFIXES:  # of numbered ones OpenCV would make a video
         raise InputError(path, "is a single image", "name the folder of the images, one for each frame")
     capture = cv2.VideoCapture(native_path(path))
     try:
@@ -186,17 +186,29 @@ def images_in_order(names: list[str], source: Path) -> list[str]:
     """
     # macOS puts a hidden file of the same ending beside each.
     split = {name: os.path.splitext(os.path.basename(name)) for name in names}
-    of_images = [name for name in names if split[name][1].lower() in _IMAGE_SUFFIXES]
+    of_images = [name for name in names if split[name][1].lower() in IMAGE_SUFFIXES]
     images = sorted((name for name in of_images if not split[name][0].startswith(".")), key=natural_order)
     if not images:
-        raise InputError(source, "holds no images", f"put one image per frame there ({', '.join(_IMAGE_SUFFIXES)})")
-    stems = [split[name][0] for name in images]
-    if all(stem.isdecimal() for stem in stems):
-        for previous, number in pairwise(map(int, stems)):
-            if number != previous + 1:
-                wrong = f"two images have number {number}" if number == previous else f"image {previous + 1} is missing"
-                raise InputError(source, wrong, "number each image once, without a gap")
+        raise InputError(source, "holds no images", f"put one image per frame there ({', '.join(IMAGE_SUFFIXES)})")
+    if wrong := wrong_numbers([split[name][0] for name in images]):
+        raise InputError(source, wrong, "number each image once, without a gap")
     return images
+
+
+def wrong_numbers(stems: Sequence[str]) -> str:
+    """What is wrong with the numbers at the end of images' names, which are in order; empty where nothing is.
+
+    Behind a text, such as ``C1_0003``, numbers count where most follow each other: they may be times.
+    """
+    ends = [end for stem in stems if (end := re.fullmatch(r"(.*?)(\d+)", stem))]
+    if len(ends) < len(stems) or len({end[1] for end in ends}) > 1:
+        return ""
+    steps = [(int(end[2]), int(end[2]) - int(before[2])) for before, end in pairwise(ends)]
+    others = [(number, step) for number, step in steps if step != 1]
+    if not others or (ends[0][1] and 2 * len(others) >= len(steps)):
+        return ""
+    number, step = others[0]
+    return f"two images have number {number}" if step == 0 else f"image {number - step + 1} is missing"
 
 
 def natural_order(name: str) -> list[tuple[int, str]]:

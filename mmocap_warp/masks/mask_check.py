@@ -41,8 +41,8 @@ class ViewReport:
 class MaskReport:
     """What all masks show."""
 
-    views: dict[str, ViewReport]  # by camera name
-    volume: float  # of the hull of all views, median over the compared frames [m^3]; NaN without any such frame
+    views: dict[str, ViewReport]  # by camera name; of several people behind each one's, as in "S1: C1"
+    volume: float  # of everybody's hull of all views, median over the compared frames [m^3]; NaN without any such frame
     faults: tuple[str, ...]  # a sentence for each thing that is wrong; empty where the masks can be tracked
 
 

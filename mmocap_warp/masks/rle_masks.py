@@ -1,6 +1,7 @@
 """Masks as run lengths in a JSON file, as pycocotools, SAM and video instance segmentation write them."""
 
 import json
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.masks.frames import evenly_spread, natural_order
+from mmocap_warp.masks.frames import evenly_spread, natural_order, wrong_numbers
 from mmocap_warp.masks.mask_image import Labels
 from mmocap_warp.whole_file import read_text
 
@@ -127,6 +128,9 @@ def _read_frames(content: Any) -> list[dict[int, Any]]:
                     frame[_check_identity(one["id"])] = _check_rle(rle)
         return frames
     images = sorted(content["images"], key=lambda image: (natural_order(str(image.get("file_name", ""))), image["id"]))
+    names = [str(image.get("file_name", "")) for image in images]
+    if wrong := wrong_numbers([os.path.splitext(os.path.basename(name))[0] for name in names]):
+        raise ValueError(f"{wrong}: list each image once, without a gap")
     by_image: dict[Any, dict[int, Any]] = {image["id"]: {} for image in images}
     for one in annotations:
         identity = _check_identity(one.get("track_id", one.get("category_id", 1)))

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.body.rotations import axis_vector, between, near_zyx_angles, zyx_rotation
+from mmocap_warp.body.rotations import between, near_zyx_angles, quarter_turn, zyx_rotation
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.cameras.rig import UP_AXES
 from mmocap_warp.result.result import Result
@@ -106,13 +106,3 @@ def stood_up(result: Result, up: str) -> Result:
     cameras = replace(result.cameras, R=result.cameras.R @ turn.T, up=up)
     poses: dict[str, Any] = {name: turned(track) for name, track in _tracks(result).items()}
     return replace(result, subject=subject, cameras=cameras, joint_sigma=None, **poses)
-
-
-def quarter_turn(up: str, new: str) -> np.ndarray:
-    """(3, 3) rotation by quarter turns that takes one signed axis to another."""
-    source, target = axis_vector(up), axis_vector(new)
-    across = np.cross(source, target)
-    if across.any():  # a quarter turn
-        return np.outer(target, source) - np.outer(source, target) + np.outer(across, across)
-    about = axis_vector("+z" if up[1] == "x" else "+x")
-    return 2 * np.outer(about, about) - np.eye(3)

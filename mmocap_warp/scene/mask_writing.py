@@ -33,7 +33,7 @@ def write_masks(
     folder: str | Path,
     scale: float = 1.0,
     progress: Callable[[int], None] | None = None,
-    look: Callable[[list[np.ndarray]], None] | None = None,
+    look: Callable[[list[list[np.ndarray]]], None] | None = None,
     refine: Refine | None = None,
     images: Iterable[list[np.ndarray | None]] | None = None,
     apart: Iterable[tuple[Sequence[list[np.ndarray]], list[np.ndarray]]] | None = None,
@@ -46,7 +46,7 @@ def write_masks(
     belong to, for other programs) and last ``scene.toml``: the same scene, whose masks are made, read back exactly at
     ``scale``. Files of the same names are replaced. ``make_consistent``, one for each person, and then ``refine`` make
     a frame's masks better, and the overlay shows what the first of them has changed. ``look`` is called with those of
-    the first person, per camera (height, width) bool, and ``progress`` after each frame with the number of frames done.
+    each person, per camera (height, width) bool, and ``progress`` after each frame with the number of frames done.
     ``images`` are the scene's, where they lie somewhere in the meantime. ``apart`` are a frame's masks of each person
     and of what may be in front of them, where labels do not tell people apart.
 
@@ -86,7 +86,7 @@ def write_masks(
             encoding.result()
             encoding = pool.submit(video.write, overlay)
             if look is not None:
-                look(masks[0])
+                look(masks)
             if progress is not None:
                 progress(f + 1)
         encoding.result()

@@ -19,18 +19,17 @@ import numpy as np
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.errors import InputError, input_errors, needs_package
 from mmocap_warp.masks.cleanup import clean_mask
-from mmocap_warp.masks.frames import decode_image, natural_order, read_file
+from mmocap_warp.masks.frames import IMAGE_SUFFIXES, decode_image, natural_order, read_file
 from mmocap_warp.masks.mask_files import decode_mask_image
 from mmocap_warp.masks.mask_settings import BACKGROUNDS
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.visual_hull import repair_masks
 from mmocap_warp.scene.recording import Scene
 
-_STALE = 3.0  # periods after which a camera that sent nothing is lost
+_STALE = 3.0  # periods after which a camera that sent nothing is lost, and a folder is listed anew
 _RETRY = 0.5  # seconds before a camera is opened again
 _FIRST_IMAGE = 15.0  # seconds that cameras may take to send their first images
 _POLL = 0.004  # seconds between looks at a folder
-_SILENCE = 1.0  # seconds without the next image after which a folder is listed anew
 
 
 class Arrival(NamedTuple):
@@ -62,6 +61,9 @@ def arrivals(scenes: Sequence[Scene], scale: float, addresses: Sequence[str]) ->
     if scene.foreground.source not in ("masks", *BACKGROUNDS):
         remedy = f"set it to one of {', '.join(BACKGROUNDS)}, or to masks where masks come"
         raise InputError(scene.path, f"[foreground] source = {scene.foreground.source} cannot be live", remedy)
+    if files := [each for each in addresses if os.path.isfile(each)]:
+        remedy = "name it in the scene as its camera's video or masks, and leave --source out"
+        raise InputError(files[0], "is a file, and no camera", remedy)
     if len(addresses) == 1 and addresses[0].startswith(("tcp://", "ipc://")):
         return _messages(scenes, scale, addresses[0])
     if len(addresses) == 1 and os.path.isdir(addresses[0]):
@@ -182,6 +184,9 @@ def _growing(scenes: Sequence[Scene], scale: float, folder: Path) -> Arrivals:
         return max((name for name in os.listdir(folder) if Path(name).stem.isdecimal()), key=natural_order, default="")
 
     while not all(names := [last_of(each) for each in folders]):
+        for each in (each for each, name in zip(folders, names, strict=True) if not name):
+            if others := [name for name in os.listdir(each) if name.lower().endswith(IMAGE_SUFFIXES)]:
+                raise InputError(each / others[0], "has a name that is no number", "name images 0001.png and so on")
         time.sleep(_POLL)
     ends = [each / name for each, name in zip(folders, names, strict=True)]
     number = max(int(end.stem) for end in ends)
@@ -195,7 +200,7 @@ def _growing(scenes: Sequence[Scene], scale: float, folder: Path) -> Arrivals:
         while not (all(files(number)) or any(files(number + 1))):
             time.sleep(_POLL)
             waited += _POLL
-            if waited > _SILENCE:  # numbers may have been left out
+            if waited > _STALE / scenes[0].fps:  # numbers may have been left out
                 number, waited = max(number, *(int(Path(last_of(each)).stem or 0) for each in folders)), 0.0
         while all(files(number + 2)):
             number += 1

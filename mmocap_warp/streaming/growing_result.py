@@ -25,15 +25,22 @@ _KINDS = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}  # of
 class GrowingResult:
     """Keeps the smoothed frames, as a sender does; when it is closed, the result is whole.
 
-    They are the recording's ``frames``, whose rate is ``fps``.
+    They are the recording's ``frames``, whose rate is ``fps``; ``whose`` names scene and person, as far as known.
     """
 
     def __init__(
-        self, path: Path, subject: Subject, rig: CameraRig, fps: float, config: TrackConfig, frames: range
+        self,
+        path: Path,
+        subject: Subject,
+        rig: CameraRig,
+        fps: float,
+        config: TrackConfig,
+        frames: range,
+        whose: dict[str, Any],
     ) -> None:
         start, self._frames = lost_frame(subject.pose[None], len(rig)), frames
         begun = collect(subject, rig, fps, config, [start], frames[:1])  # all that is known before a frame comes
-        write_result(path, begun := replace(begun, raw_pose=begun.pose))
+        write_result(path, begun := replace(begun, raw_pose=begun.pose, config=begun.config | whose))
         self._path, self._kind = path, _record(begun)
         self._file = path.with_name(f"{path.name}.frames").open("wb", buffering=0)
 

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from mmocap_warp.body.model import Subject, joint_transforms
-from mmocap_warp.body.rotations import transposed
+from mmocap_warp.body.rotations import quarter_turn, transposed
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.display.chart import COLOURS, colour_rules
 from mmocap_warp.display.overlay import Look
@@ -24,7 +24,6 @@ from mmocap_warp.display.page.page_content import body_content, look_content
 from mmocap_warp.display.page.viewer import embedded, filled, resource
 from mmocap_warp.errors import InputError, UsageError, input_errors, needs_package
 from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
-from mmocap_warp.result.excerpt import quarter_turn
 from mmocap_warp.scene.mask_writing import TINTS
 from mmocap_warp.tracking.live_smoothing import LiveFrame
 

@@ -89,6 +89,8 @@ def write_made_scene(
     with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
         for each in folders:
             each.mkdir(parents=True, exist_ok=True)
+            for earlier in each.glob("[0-9]" * 4 + "*.png"):  # of a longer scene
+                earlier.unlink()
     for frame in range(len(footage)):
         for each, mask in zip(folders, footage.masks(frame), strict=True):
             write_png(each / f"{frame:04d}.png", mask)

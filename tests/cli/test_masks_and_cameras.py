@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from command_answer import answer
 from moving_figure import SCENE, write_moving_figure
+from small_scene import SCENE as SMALL
+from small_scene import SIZE, make_scene
 
 from mmocap_warp import cli
 from mmocap_warp.cli import console
@@ -37,6 +41,20 @@ def test_masks_do_not_replace_what_they_are_made_of(scene, tmp_path, capsys):
         assert cli.main(["mask", str(folder), "-o", str(output), "--force"]) == console.BAD_INPUT
         assert "holds the scene, or masks or videos that are read" in capsys.readouterr().err
     assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
+
+
+def test_each_persons_masks_are_judged(tmp_path, capsys):
+    folder, labels = make_scene(tmp_path), np.zeros(SIZE[::-1], np.uint8)
+    labels[10:40, 10:24], labels[10:40, 30:40] = 1, 2
+    for file in (folder / "masks").glob("*/*.png"):
+        cv2.imwrite(str(file), np.where(labels == 2, 0, labels) if "cam02" in file.parts else labels)
+    (folder / "scene.toml").write_text(f"{SMALL}[people.anna]\nlabel = 1\n[people.ben]\nlabel = 2\n")
+    flags = ["-o", str(tmp_path / "made"), "--json"]
+    assert cli.main(["mask", str(folder), *flags]) == console.CHECK_FAILED
+    report = json.loads(capsys.readouterr().out)
+    empty = {name: view["empty_frames"] for name, view in report["views"].items()}
+    assert empty == {f"{name}: cam0{k}": 3 * (name == "ben" and k == 2) for name in ("anna", "ben") for k in (1, 2, 3)}
+    assert "ben: cam02 shows nothing in 3 of 3 frames" in report["faults"]
 
 
 def test_masks_of_some_frames_keep_their_numbers(scene, tmp_path, capsys):

@@ -107,6 +107,7 @@ def test_several_people_have_a_file_each_and_one_of_all(tmp_path, monkeypatch):
         result = mm.load_result(files[name])
         assert result.frame_numbers.tolist() == list(range(FRAMES))
         np.testing.assert_allclose(result.iou, pixels / 1000.0)
+        assert (result.config["person"], result.config["scene"]) == (name, "scene.toml")
     with pytest.raises(mm.InputError, match=r"live\.usdc: exists already"):
         mm.live(folder, record=record, device="cpu")
     assert mm.live(folder, record=tmp_path / "ben.usdc", person="ben", device="cpu").frames == FRAMES
@@ -118,6 +119,24 @@ def test_several_people_have_a_file_each_and_one_of_all(tmp_path, monkeypatch):
     (folder / "scene.toml").write_text(SCENE + tables + "[labels]\nseveral = 3\n")
     with pytest.raises(mm.InputError, match="who is one blob with others cannot be told apart live"):
         mm.live(folder, device="cpu")
+
+
+def test_a_subject_of_another_frame_needs_a_search(tmp_path):
+    folder = make_scene(tmp_path)
+    with pytest.raises(mm.InputError, match="the subject was fitted to frame 0, but tracking begins with frame 1"):
+        mm.live(folder, synthetic_subject(), frames="1:", device="cpu", algorithm="contour")
+
+
+def test_frames_of_a_killed_session_are_not_replaced_by_force(tmp_path, monkeypatch):
+    folder, record = make_scene(tmp_path), tmp_path / "live.usdc"
+    monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames: frames)
+    monkeypatch.setattr("mmocap_warp.commands.live_session.make_live", lambda _, people: [Standing(*people)])
+    monkeypatch.setattr("mmocap_warp.streaming.growing_result.finish", lambda path: None)  # it is killed
+    mm.live(folder, synthetic_subject(), record=record, device="cpu")
+    monkeypatch.undo()
+    with pytest.raises(mm.InputError, match=r"live\.usdc: exists already"):
+        mm.live(folder, synthetic_subject(), record=record, device="cpu", force=True)
+    assert mm.load_result(record).frame_numbers.tolist() == list(range(FRAMES))
 
 
 @pytest.mark.nightly

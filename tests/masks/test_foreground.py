@@ -16,7 +16,7 @@ from synthetic import ring_rig
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks.cleanup import clean_mask
-from mmocap_warp.masks.frames import open_frames, read_image
+from mmocap_warp.masks.frames import open_frames, read_image, wrong_numbers
 from mmocap_warp.masks.mask_image import decode_mask
 from mmocap_warp.masks.mask_settings import GIVEN, SUBTRACTED, ForegroundSettings
 from mmocap_warp.masks.observation import Observation
@@ -98,6 +98,24 @@ def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "1.jpg"), np.zeros((2, 2), np.uint8))
     with pytest.raises(InputError, match="two images have number 1; number each image once"):
         open_frames(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("names", "wrong"),
+    [
+        (["C1_0001", "C1_0002", "C1_0004"], ""),  # half of the steps may be times
+        (["C1_0001", "C1_0002", "C1_0003", "C1_0005"], "image 4 is missing"),
+        (["C1_1", "C1_2", "C1_3", "C1_03"], "two images have number 3"),
+        (["t_0000", "t_0033", "t_0066", "t_0100"], ""),
+        (["t_0000", "t_0002", "t_0004"], ""),
+        (["a1", "b3", "c7"], ""),
+        (["first", "second"], ""),
+        (["7", "9"], "image 8 is missing"),
+        (["7"], ""),
+    ],
+)
+def test_numbers_behind_a_text_count_where_they_follow_each_other(names, wrong) -> None:
+    assert wrong_numbers(names) == wrong
 
 
 def room(rng: np.random.Generator) -> np.ndarray:

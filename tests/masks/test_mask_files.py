@@ -228,6 +228,11 @@ def test_the_smaller_of_overlapping_objects_is_in_front(tmp_path: Path) -> None:
         ('[{"size": [400000, 400000], "counts": []}]', "is not a height and a width"),
         ('[{"size": [4, 4], "counts": "x"}, {"size": [4, 5], "counts": "x"}]', "masks of different sizes"),
         ('{"images": [{"id": 1}], "annotations": [{"image_id": 1, "segmentation": [[1, 2]]}]}', "holds polygons"),
+        (
+            '{"images": [{"id": 1, "file_name": "a_1.jpg"}, {"id": 2, "file_name": "a_2.jpg"},'
+            ' {"id": 3, "file_name": "a_3.jpg"}, {"id": 4, "file_name": "a_5.jpg"}], "annotations": []}',
+            "image 4 is missing: list each image once",
+        ),
         ('{"annotations": [{"id": 0, "segmentations": [{"size": [1, 1], "counts": "01"}]}]}', "is not a whole number"),
     ],
 )

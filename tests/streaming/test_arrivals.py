@@ -123,6 +123,28 @@ def test_a_folder_that_grows(scene, tmp_path):
         next(arrivals([scene], 1.0, [str(tmp_path)]))
 
 
+def test_images_without_a_number_are_told(scene, tmp_path):
+    for name in scene.calibrated.names:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"{name}_0001.png").write_bytes(PNG)
+    with pytest.raises(InputError, match=r"cam01_0001\.png: has a name that is no number; name images 0001\.png"):
+        next(arrivals([scene], 1.0, [str(tmp_path)]))
+
+
+def test_numbers_that_are_left_out_in_a_row_cost_little_time(scene, tmp_path):
+    folders = [tmp_path / name for name in scene.calibrated.names]
+    for folder in folders:
+        folder.mkdir()
+        (folder / "0001.png").write_bytes(PNG)
+    coming = arrivals([scene], 1.0, [str(tmp_path)])
+    assert next(coming).number == 1
+    for folder in folders:
+        (folder / "0004.png").write_bytes(PNG)
+    begun = time.monotonic()
+    assert next(coming).number == 4
+    assert time.monotonic() - begun < 0.5
+
+
 def test_label_images_are_split_into_people_and_what_may_be_in_front(scene, tmp_path):
     people = "[people.anna]\nlabel = 1\n[people.ben]\nlabel = 2\n[labels]\nthing = 3\n"
     (scene.directory / "scene.toml").write_text(SCENE.replace(CAMERAS, CAMERAS.replace("masks = ", "# ")) + people)
@@ -217,6 +239,8 @@ def test_sources_that_cannot_be(scene):
         arrivals([scene], 1.0, ["0", "1"])
     with pytest.raises(InputError, match=r"typo: is one of 1 sources for 3 cameras; .* or one folder or ZMQ address"):
         arrivals([scene], 1.0, ["typo"])
+    with pytest.raises(InputError, match="is a file, and no camera; name it in the scene"):
+        arrivals([scene], 1.0, [str(scene.path)] * 3)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1", "tcp://127.0.0.1:port"])

@@ -5,8 +5,11 @@ from __future__ import annotations
 from contextlib import closing
 
 import numpy as np
+import pytest
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
+from mmocap_warp.commands.inputs import result_from
+from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.streaming.growing_result import GrowingResult, finish
 from mmocap_warp.streaming.senders import Packet
@@ -27,7 +30,7 @@ def packets() -> list[Packet]:
 
 
 def grown(path) -> GrowingResult:
-    return GrowingResult(path, SUBJECT, RIG, 60.0, TrackConfig(device="cpu"), range(10, 90, 2))
+    return GrowingResult(path, SUBJECT, RIG, 60.0, TrackConfig(device="cpu"), range(10, 90, 2), {"person": "Anna"})
 
 
 def check(path, count: int) -> None:
@@ -38,6 +41,7 @@ def check(path, count: int) -> None:
     np.testing.assert_array_equal(result.iou[0], [[0.9, np.nan]] * count)
     assert result.fps == 60
     assert result.rate == 30
+    assert result.config["person"] == "Anna"
     assert not finish(path)  # there is nothing left to do
 
 
@@ -56,6 +60,8 @@ def test_after_a_kill_all_whole_frames_are_recovered(tmp_path):
         result.send(packet)
     beside = tmp_path / "live.usdc.frames"
     beside.write_bytes(beside.read_bytes()[:-5])  # the process is gone, and its last frame is half-written
+    with pytest.raises(InputError, match=r"live\.usdc: is of a live session that goes on or was killed; end it, or"):
+        result_from(path)
     assert finish(path)
     check(path, 3)
 

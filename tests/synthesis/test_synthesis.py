@@ -260,6 +260,11 @@ def test_writing_twice_gives_the_same_bytes(tmp_path):
         assert (first / name).read_bytes() == (second / name).read_bytes()
 
 
+def test_a_longer_scene_leaves_no_masks_in_a_shorter_one(tmp_path):
+    for frames in (4, 2):
+        assert load_scene(write_walk(tmp_path, walking(frames=frames))).frame_count == frames
+
+
 def test_any_name_and_words_about_it_are_written_as_toml(tmp_path):
     said = {"name": 'a "b"\\', "about": "by\nsomebody", "foreground": FAULTY_MASKS}
     assert load_scene(write_made_scene(tmp_path, walking(frames=1), None, **said)).name == said["name"]

@@ -120,7 +120,7 @@ class Adjustment:
         result = track_observations(subject, rig, seen, fps, config)
         found = np.flatnonzero(np.isin(result.status[0], _FOUND_STATUS))
         if len(found) < 2 * MIN_FRAMES:
-            problem = f"the person was tracked in {len(found)} frames only, {2 * MIN_FRAMES} are needed"
+            problem = f"the person was tracked in {len(found)} of {len(seen)} frames, {2 * MIN_FRAMES} are needed"
             remedy = "choose other frames with --frames, or start from a better calibration"
             raise InputError(self.scene.path, problem, remedy)
         rooting = Rooting(self._body.skeleton, subject.root_base, self._body.skeleton.searched())

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdSkel
 
 from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.rigged import rigged_mesh
@@ -157,7 +157,8 @@ def _read_axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> d
             continue
         physics = UsdPhysics.PrismaticJoint(prim) if slides else UsdPhysics.RevoluteJoint(prim)
         joint = joints.index(prim.GetName())
-        along = bind[joint, :3, "XYZ".index(str(physics.GetAxisAttr().Get()))]
+        axis = np.eye(3)["XYZ".index(str(physics.GetAxisAttr().Get()))]  # in a frame that may be turned in the joint's
+        along = bind[joint, :3, :3] @ physics.GetLocalRot1Attr().Get().Transform(Gf.Vec3f(*axis))
         lower, upper = (float(limit.Get()) for limit in (physics.GetLowerLimitAttr(), physics.GetUpperLimitAttr()))
         if lower > upper:
             raise ValueError(f"{prim.GetPath()} has a lower limit above the upper one")

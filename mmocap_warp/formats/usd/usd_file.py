@@ -10,6 +10,7 @@ from typing import Any, ParamSpec, Self, TypeVar
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
+from mmocap_warp.body.rotations import quarter_turn
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.sandbox import sandboxed, trust
 from mmocap_warp.whole_file import native_path, whole_file
@@ -265,19 +266,9 @@ def set_world_up(stage: Usd.Stage, world: UsdGeom.Xformable, up: str) -> None:
 
     ``world`` is the prim above everything in the cameras' world, whose signed axis ``up`` points up.
     """
-    axis = stage_up(up)[1]
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, axis.upper())
+    UsdGeom.SetStageUpAxis(stage, stage_up(up)[1].upper())
     if up != stage_up(up):
         turn = np.eye(4)
-        turn[:3, :3] = _rotation_onto(axis, up)
+        turn[:3, :3] = quarter_turn(up, stage_up(up))
         world.AddTransformOp().Set(Gf.Matrix4d(turn.T))  # which acts on row vectors
-
-
-def _rotation_onto(axis: str, up: str) -> np.ndarray:
-    """(3, 3) rotation that takes the signed axis ``up`` to the positive ``axis``, along other axes."""
-    source, target = "xyz".index(up[1]), "xyz".index(axis)
-    turn = np.roll(np.eye(3), target - source, axis=0)  # cyclic, hence proper: axis `source` becomes `target`
-    if up[0] == "-":
-        turn = np.diag(np.where(np.arange(3) == (target + 1) % 3, 1.0, -1.0)) @ turn
-    return turn

@@ -62,7 +62,7 @@ def read_joints_file(path: str | Path) -> GivenJoints:
 
 
 def _read_joint(entry: Table) -> GivenJoint:
-    free = entry.take_choice("free", _FREE) if entry.has("free") else None
+    free = entry.take_choice("free", _FREE, None)
     hinge = np.array(entry.take_numbers("hinge", (3,))) if entry.has("hinge") else None
     if hinge is not None and not hinge.any():
         remedy = "give the axis that the joint turns about or slides along"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from other_bodies import quadruped
-from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdUtils
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdUtils
 from synthetic import synthetic_result
 
 from mmocap_warp.errors import InputError
@@ -48,6 +48,20 @@ def test_limits_of_physics_joints(tmp_path: Path) -> None:
     assert not read.axes[joint].slides
     np.testing.assert_allclose(read.axes[joint].axis, (1, 0, 0))
     np.testing.assert_allclose((read.axes[joint].lower, read.axes[joint].upper), np.radians([-10, 90]), rtol=1e-6)
+
+
+def test_a_physics_axis_lies_in_a_frame_that_may_be_turned(tmp_path: Path) -> None:
+    path = tmp_path / "dog.usda"
+    write_body(path, quadruped())
+    stage = Usd.Stage.Open(str(path))
+    knee = UsdPhysics.RevoluteJoint.Define(stage, Sdf.Path("/Dog/LForeKnee"))
+    knee.CreateAxisAttr("Z")
+    knee.CreateLowerLimitAttr(-10.0)
+    knee.CreateUpperLimitAttr(90.0)
+    knee.CreateLocalRot1Attr(Gf.Quatf(0.5**0.5, 0.0, 0.5**0.5, 0.0))  # from z to x
+    stage.Save()
+    (how,) = read_usd_skel(path).axes.values()
+    np.testing.assert_allclose(how.axis, (1, 0, 0), atol=1e-6)
 
 
 def test_travel_of_a_prismatic_physics_joint(tmp_path: Path) -> None:

@@ -154,6 +154,15 @@ def test_an_export_keeps_the_world_and_its_cameras(tmp_path, up):
         np.testing.assert_allclose(centre, result.cameras.centres[k], rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("up", ["+x", "-x", "-y", "-z"])
+def test_what_no_stage_can_be_heads_as_it_does_when_it_is_stood_up(tmp_path, up):
+    result = synthetic_result(up=up)
+    export_animation(result, tmp_path / "own.usdc")
+    export_animation(stood_up(result, "+z"), tmp_path / "turned.usdc")
+    own, turned = (usd_skinned(tmp_path / f"{name}.usdc", "Skin", 10) for name in ("own", "turned"))
+    np.testing.assert_allclose(own, turned, rtol=0, atol=SKINNING_M)
+
+
 def test_an_export_that_is_turned_keeps_the_axis_that_it_is_turned_about(tmp_path):
     result, path = synthetic_result(up="+z"), tmp_path / "anim.usdc"
     export_animation(stood_up(result, "+y"), path)

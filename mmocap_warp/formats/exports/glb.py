@@ -100,15 +100,9 @@ def _write(people: Mapping[str, _Moving], about: dict[str, Any], path: Path) -> 
             _animate(motion, clip, skeleton.slides, buffer, first)
     owners = "; ".join(dict.fromkeys(moving.body.attribution for moving in people.values()))
     asset = {"version": "2.0", "generator": f"mmocap-warp {__version__}", "copyright": owners}
-    document: dict[str, Any] = {
-        "asset": asset | {"extras": about},
-        "scene": 0,
-        "scenes": [{"nodes": roots}],
-        "nodes": nodes,
-        "meshes": meshes,
-        "materials": [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}],
-        "skins": skins,
-    }
+    document: dict[str, Any] = {"asset": asset | {"extras": about}, "scene": 0, "scenes": [{"nodes": roots}]}
+    materials = [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}]
+    document |= {"nodes": nodes, "meshes": meshes, "materials": materials, "skins": skins}
     if human:
         about_bones = {"specVersion": "1.0", "humanoid": {"humanBones": human}}
         document |= {"extensionsUsed": [_VRM_ANIMATION], "extensions": {_VRM_ANIMATION: about_bones}}

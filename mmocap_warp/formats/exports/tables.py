@@ -140,51 +140,29 @@ def write_npz(result: Result, path: Path, joint_set: JointSet | None = None) -> 
     tracks = best_run_tracks(result)
     body = tracks.subject.body
     names, points = tracks.points(None)
-    joints = len(body.skeleton.joints)
-    further: dict[str, Any] = {}
+    joints, skin = len(body.skeleton.joints), body.skin
+    arrays: dict[str, Any] = {"frame": tracks.number, "time": tracks.time, "rate": tracks.rate}
+    arrays |= {"up": result.cameras.up, "status": tracks.status}
+    arrays |= {"joint_names": names[:joints], "parent": body.skeleton.parent, "joints": points[:, :joints]}
+    arrays |= {"marker_names": np.array(names[joints:], str), "markers": points[:, joints:]}
+    arrays |= {"coordinate_names": body.skeleton.coordinate_names, "pose": tracks.pose}
+    arrays |= {"root_base": tracks.subject.root_base, "world": tracks.world, "bind": tracks.bind}
+    arrays |= {"rest": skin.rest, "face": skin.face, "skin_joint": skin.joint, "skin_weight": skin.weight}
+    arrays |= {"attribution": body.attribution}
     if joint_set is not None:
-        further = {"set_names": np.array(joint_set.names, str), "set": joint_set.positions(tracks.subject, tracks.pose)}
+        places = joint_set.positions(tracks.subject, tracks.pose)
+        arrays |= {"set_names": np.array(joint_set.names, str), "set": places}
     with whole_file(path) as unfinished:
-        np.savez_compressed(
-            unfinished,
-            frame=tracks.number,
-            time=tracks.time,
-            rate=tracks.rate,
-            up=result.cameras.up,
-            status=tracks.status,
-            joint_names=names[:joints],
-            parent=body.skeleton.parent,
-            joints=points[:, :joints],
-            marker_names=np.array(names[joints:], str),
-            markers=points[:, joints:],
-            coordinate_names=body.skeleton.coordinate_names,
-            pose=tracks.pose,
-            root_base=tracks.subject.root_base,
-            world=tracks.world,
-            bind=tracks.bind,
-            rest=body.skin.rest,
-            face=body.skin.face,
-            skin_joint=body.skin.joint,
-            skin_weight=body.skin.weight,
-            attribution=body.attribution,
-            **further,
-        )
+        np.savez_compressed(unfinished, **arrays)
 
 
 def write_json(result: Result, path: Path, joint_set: JointSet | None = None) -> None:
     """Write names, frames, times and points as JSON: joint centres and virtual markers, to 1e-6 m."""
     tracks = best_run_tracks(result)
     names, points = tracks.points(joint_set)
-    values = {
-        "joint_set": RIG if joint_set is None else joint_set.name,
-        "up": result.cameras.up,
-        "rate": tracks.rate,
-        "names": names,
-        "frame": tracks.number.tolist(),
-        "time_s": tracks.time.tolist(),
-        "status": tracks.status,
-        "points_m": points.round(6).tolist(),
-    }
+    values: dict[str, Any] = {"joint_set": RIG if joint_set is None else joint_set.name, "up": result.cameras.up}
+    values |= {"rate": tracks.rate, "names": names, "frame": tracks.number.tolist(), "time_s": tracks.time.tolist()}
+    values |= {"status": tracks.status, "points_m": points.round(6).tolist()}
     write_whole(path, json.dumps(values).encode())
 
 

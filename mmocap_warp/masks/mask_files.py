@@ -12,16 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.masks.frames import (
-    ImageFolder,
-    VideoFile,
-    check_size,
-    decode_image,
-    evenly_spread,
-    images_in_order,
-    open_frames,
-    read_file,
-)
+from mmocap_warp.masks import frames
+from mmocap_warp.masks.frames import VideoFile, evenly_spread
 from mmocap_warp.masks.mask_image import Labels, palette_labels
 from mmocap_warp.masks.rle_masks import RleMasks, open_rle
 from mmocap_warp.whole_file import MAX_BYTES
@@ -48,7 +40,7 @@ class MaskImages:
         """Frames from ``first`` on, unchanged; of an indexed PNG its objects."""
         for member in self.members[first:]:
             image = _read(self.path, member)
-            check_size(image.shape, self.size, member if isinstance(member, Path) else self.path / member.name)
+            frames.check_size(image.shape, self.size, member if isinstance(member, Path) else self.path / member.name)
             yield image
 
     def sample(self, count: int) -> Iterator[np.ndarray | Labels]:
@@ -66,12 +58,12 @@ def open_masks(path: Path) -> Masks:
     members: tuple[Path | TarMember, ...]
     if os.path.isfile(path) and path.suffix.lower() == ".tar":
         by_name = {member.name: member for member in list_tar(path)}
-        members = tuple(by_name[name] for name in images_in_order(list(by_name), path))
+        members = tuple(by_name[name] for name in frames.images_in_order(list(by_name), path))
     else:
-        frames = open_frames(path)
-        if not isinstance(frames, ImageFolder):
-            return frames
-        members = frames.files
+        opened = frames.open_frames(path)
+        if isinstance(opened, VideoFile):
+            return opened
+        members = opened.files
     height, width = _read(path, members[0]).shape[:2]
     return MaskImages(path, members, (width, height))
 
@@ -84,13 +76,13 @@ def _read(path: Path, member: Path | TarMember) -> np.ndarray | Labels:
 
 def read_mask_image(file: Path) -> np.ndarray | Labels:
     """A mask's image file, unchanged; of an indexed PNG its objects."""
-    return decode_mask_image(read_file(file), file)
+    return decode_mask_image(frames.read_file(file), file)
 
 
 def decode_mask_image(data: bytes, source: object) -> np.ndarray | Labels:
     """The content of a mask's image file, unchanged; ``source`` names it in messages."""
     labels = palette_labels(data)
-    return decode_image(data, source) if labels is None else labels
+    return frames.decode_image(data, source) if labels is None else labels
 
 
 _MAX_PATH = 4096  # characters, as in file systems

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, check_rig
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.table import read_calibration, read_lenses
 from mmocap_warp.formats.toml_table import Table, is_number
 from mmocap_warp.masks.frames import VideoFile, open_frames, open_image
@@ -224,16 +224,10 @@ def write_timing(path: Path, timing: Mapping[str, Mapping[str, float]]) -> None:
         for key in ("frame_offset", "offset", *keys):
             values.pop(key, None)
         values |= {key: value for key, value in keys.items() if value}
-    try:
-        is_expected = tomllib.loads(changed) == expected
-    except tomllib.TOMLDecodeError:
-        is_expected = False
-    if not is_expected:
-        raise InputError(
-            path,
-            "is written in a way that cannot be changed safely",
-            "leave --write out, and put the lines there by hand",
-        )
+    remedy = "leave --write out, and put the lines there by hand"
+    with input_errors(path, "is written in a way that cannot be changed safely", remedy, ValueError):
+        if tomllib.loads(changed) != expected:
+            raise ValueError("other keys have changed")
     end = "\r\n" if b"\r\n" in path.read_bytes() else "\n"  # reading took either for \n
     write_whole(path, changed.replace("\n", end).encode())
 

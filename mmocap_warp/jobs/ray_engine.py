@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmocap_warp.device.cores import work_beside_others
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.jobs import engine
 
 _PROBE = 2.0  # how long the cluster's head may take to answer [s]
@@ -42,10 +42,8 @@ def join_cluster(address: str) -> str:
     Raises:
         InputError: Ray is not installed, or there is no such cluster.
     """
-    try:
+    with input_errors("--engine ray", "Ray is not installed", "pip install 'mmocap-warp[ray]'", ImportError):
         import ray
-    except ImportError:
-        raise InputError("--engine ray", "Ray is not installed", "pip install 'mmocap-warp[ray]'") from None
     named = os.environ.get("RAY_ADDRESS", "auto") if address == "auto" else address
     try:
         if named != "auto":

@@ -22,7 +22,7 @@ from mmocap_warp.display.chart import COLOURS, colour_rules
 from mmocap_warp.display.overlay import Look
 from mmocap_warp.display.page.page_content import body_content, look_content
 from mmocap_warp.display.page.viewer import embedded, filled, resource
-from mmocap_warp.errors import InputError, UsageError, input_errors, needs_package
+from mmocap_warp.errors import UsageError, input_errors, needs_package
 from mmocap_warp.formats.exports.rigs import RIGS, rest_pose, rig_names
 from mmocap_warp.scene.mask_writing import TINTS
 from mmocap_warp.tracking.live_smoothing import LiveFrame
@@ -81,9 +81,8 @@ def open_sender(address: str, people: Mapping[str, Subject], rig: CameraRig, fps
         return _Zmq(address)
     if parts.scheme == "ws" and port:
         return _Web(address, host, port, people, rig)
-    if (
-        parts.scheme == "vmc" and port and parts.query in ("", "smooth")
-    ):  # a listener knows one body: the next has the next port
+    # A listener of VMC knows one body: the next has the next port.
+    if parts.scheme == "vmc" and port and parts.query in ("", "smooth"):
         ports = zip(count(port), people.items())
         return _Each({name: _Vmc(address, host, own, subject, rig.up) for own, (name, subject) in ports})
     if parts.scheme == "lsl" and parts.netloc:
@@ -201,10 +200,8 @@ class _Vmc:
         with input_errors(address, "cannot be opened ({error})", "choose another host", OSError):
             self._client = client.SimpleUDPClient(host, port)
         skeleton = subject.body.skeleton
-        try:
+        with input_errors(address, "{error}", "VMC is for people: send to another address", ValueError):
             rig_names(subject.body, "unity")
-        except ValueError as error:
-            raise InputError(address, str(error), "VMC is for people: send to another address") from None
         self._bones = [(skeleton.index(joint), name) for joint, name in RIGS["unity"].names.items()]
         turn, rest = rest_pose(subject.body, RIGS["unity"])
         self._from_rest, self._parent = transposed(turn), np.array(skeleton.parent)

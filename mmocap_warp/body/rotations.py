@@ -116,6 +116,13 @@ def between(first: np.ndarray, second: np.ndarray, share: np.ndarray) -> np.ndar
     return first @ part.reshape(first.shape)
 
 
+def quaternions(rotation: np.ndarray) -> np.ndarray:
+    """(..., 4) unit quaternions x, y, z, w of rotations (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat().reshape(*rotation.shape[:-2], 4)
+
+
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """(..., 3, 3) the rotations nearest to some matrices, which may be scaled; of a mirrored one, to its negative.
 

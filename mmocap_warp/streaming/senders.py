@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from mmocap_warp.body.model import Subject, joint_transforms
-from mmocap_warp.body.rotations import quarter_turn, transposed
+from mmocap_warp.body.rotations import quarter_turn, quaternions, transposed
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.display.chart import COLOURS, colour_rules
 from mmocap_warp.display.overlay import Look
@@ -52,7 +52,7 @@ class Packet:
     @cached_property
     def values(self) -> np.ndarray:
         """(joint, 7) the same as x, y, z [m] and quaternions x, y, z, w."""
-        return _with_quaternions(self.world[:, :3, 3], self.world[:, :3, :3])
+        return np.concatenate([self.world[:, :3, 3], quaternions(self.world[:, :3, :3])], axis=1)
 
     @cached_property
     def json(self) -> str:
@@ -104,13 +104,6 @@ class _Each:
     def close(self) -> None:
         for sender in self._senders.values():
             sender.close()
-
-
-def _with_quaternions(place: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """(n, 7) places (n, 3), then quaternions x, y, z, w of rotations (n, 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.concatenate([place, Rotation.from_matrix(turn).as_quat()], axis=1)
 
 
 def _package(address: str, module: str, package: str) -> Any:
@@ -215,7 +208,7 @@ class _Vmc:
         turned = self._upright @ packet.world[:, :3, :3] @ self._from_rest
         place, own = self._offset.copy(), transposed(turned[self._parent]) @ turned
         place[0], own[0] = self._upright @ packet.world[0, :3, 3], turned[0]
-        values = _with_quaternions(place, own) * [-1, 1, 1, 1, -1, -1, 1]  # x is mirrored
+        values = np.concatenate([place, quaternions(own)], axis=1) * [-1, 1, 1, 1, -1, -1, 1]  # x is mirrored
         send = self._client.send_message
         send("/mmocap/frame", [packet.answer.number, str(packet.time)])
         send("/VMC/Ext/Root/Pos", ["root", *(0.0,) * 6, 1.0])

@@ -13,6 +13,7 @@ import numpy as np
 from mmocap_warp.body.joint_sets import JointSet
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.rotations import quaternions
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.display.chart import COLOURS
 from mmocap_warp.display.overlay import ELLIPSE, Look
@@ -319,7 +320,4 @@ def packed_places(places: np.ndarray) -> Packed:
 
 def packed_rotations(rotations: np.ndarray) -> Packed:
     """Rotations (..., 3, 3) as quaternions x, y, z, w in 8 bytes each, in steps of 1/32767."""
-    from scipy.spatial.transform import Rotation
-
-    quaternion = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat()
-    return packed(np.rint(quaternion * _ROTATION_STEPS).astype(np.int16))
+    return packed(np.rint(quaternions(rotations) * _ROTATION_STEPS).astype(np.int16))

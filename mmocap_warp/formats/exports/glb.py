@@ -19,6 +19,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject, bind_transforms, joint_transforms
 from mmocap_warp.body.rest_space import vertex_normals
+from mmocap_warp.body.rotations import quaternions
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.formats.exports.rigs import RIGS
 from mmocap_warp.formats.exports.tables import best_run_tracks
@@ -145,7 +146,7 @@ class _Buffer:
 
 def _joint_nodes(skeleton: Skeleton, stand: np.ndarray, first: int) -> list[dict[str, Any]]:
     """The joints as they stand, for programs that play nothing; ``first`` is the number of their first node."""
-    (rotation,) = _quaternions(stand[None, :, :3, :3])
+    (rotation,) = _steady_quaternions(stand[None, :, :3, :3])
     nodes = []
     for joint, name in enumerate(skeleton.joints):
         children = [first + child for child, parent in enumerate(skeleton.parent) if parent == joint]
@@ -173,7 +174,7 @@ def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
 
 def _animate(motion: dict[str, Any], clip: _Clip, slides: np.ndarray, buffer: _Buffer, first: int) -> None:
     """Add to a motion the place of the root and of joints that slide, and every joint's turn."""
-    rotation = _quaternions(clip.local[..., :3, :3])
+    rotation = _steady_quaternions(clip.local[..., :3, :3])
     time = buffer.add(clip.time, "SCALAR")
     moving = (0, *np.flatnonzero(slides).tolist())
     outputs = [(joint, "translation", buffer.add(clip.local[:, joint, :3, 3], "VEC3")) for joint in moving]
@@ -183,11 +184,9 @@ def _animate(motion: dict[str, Any], clip: _Clip, slides: np.ndarray, buffer: _B
     motion["samplers"] += [{"input": time, "output": output} for *_, output in outputs]
 
 
-def _quaternions(rotation: np.ndarray) -> np.ndarray:
+def _steady_quaternions(rotation: np.ndarray) -> np.ndarray:
     """(frame, joint, 4) x, y, z, w of rotations (frame, joint, 3, 3), each on the side of the one before it."""
-    from scipy.spatial.transform import Rotation
-
-    quaternion = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat().reshape(*rotation.shape[:2], 4)
+    quaternion = quaternions(rotation)
     flips = np.where((quaternion[1:] * quaternion[:-1]).sum(axis=-1) < 0, -1.0, 1.0)
     quaternion[1:] *= np.cumprod(flips, axis=0)[..., None]
     return quaternion

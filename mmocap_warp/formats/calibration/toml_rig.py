@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import METRES, Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.formats.calibration.calibration_text import Sizes
-from mmocap_warp.formats.toml_table import Table, is_number, load_toml, quoted
+from mmocap_warp.formats.toml_table import Table, is_number, load_toml, quoted, toml_value
 from mmocap_warp.whole_file import write_whole
 
 _UNREAD = ("cam_id", "port", "rotation_count", "error", "exposure", "grid_count", "name")
@@ -88,17 +88,11 @@ def write_toml_rig(path: str | Path, rig: CameraRig, offsets: dict[str, float] |
     lines = []
     for k, name in enumerate(rig.names):
         fisheye = name in rig.fisheye
-        lines += [
-            f"[{quoted(name)}]",
-            f"name = {quoted(name)}",
-            f"size = {[float(v) for v in rig.size[k]]}",
-            f"matrix = {rig.K[k].tolist()}",
-            f"distortions = {rig.distortion[k, : 4 if fisheye else 5].tolist()}",
-            f"rotation = {cv2.Rodrigues(rig.R[k])[0].ravel().tolist()}",
-            f"translation = {rig.t[k].tolist()}",
-            f"fisheye = {str(fisheye).lower()}",
-            "",
-        ]
+        values = {"name": name, "size": [float(v) for v in rig.size[k]], "matrix": rig.K[k].tolist()}
+        values |= {"distortions": rig.distortion[k, : 4 if fisheye else 5].tolist()}
+        values |= {"rotation": cv2.Rodrigues(rig.R[k])[0].ravel().tolist(), "translation": rig.t[k].tolist()}
+        values |= {"fisheye": fisheye}
+        lines += [f"[{quoted(name)}]", *(f"{key} = {toml_value(value)}" for key, value in values.items()), ""]
     lines += ["[metadata]", "adjusted = false", "error = 0.0"]
     if offsets:
         lines.append(f"offsets = {{ {', '.join(f'{quoted(name)} = {value}' for name, value in offsets.items())} }}")

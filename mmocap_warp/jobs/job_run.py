@@ -114,12 +114,10 @@ def run_jobs(
     run = _Run(missing, tasks, note, math.inf if seconds is None else seconds, keep)
     if missing:
         try:
-            workers = engine()
-        except EngineLost as error:
-            run.leave_the_rest(str(error))
-        else:
-            with closing(workers):
+            with closing(engine()) as workers:
                 run.work(workers, report)
+        except EngineLost as error:  # no worker could be started
+            run.leave_the_rest(str(error))
     status = run.status()
     report(status)
     return status

@@ -145,7 +145,7 @@ class StudyReport:
     cells: Path  # a ``.csv`` with a line for each cell
     count: int  # of the results in it
     left_out: list[str]  # results that could not be read, a sentence each
-    mixed_code: str  # what the results' code has in it that differs; empty if all are of one state
+    mixed_code: str  # why results should not be compared: of different code, frames, images or truth; else empty
 
 
 @releases_locks

@@ -26,10 +26,12 @@ from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.visual_hull import repair_masks
 from mmocap_warp.scene.recording import Scene
 
-_STALE = 3.0  # periods after which a camera that sent nothing is lost, and a folder is listed anew
+_STALE = 3.0  # periods after which a camera that sent nothing is lost
 _RETRY = 0.5  # seconds before a camera is opened again
 _FIRST_IMAGE = 15.0  # seconds that cameras may take to send their first images
 _POLL = 0.004  # seconds between looks at a folder
+_LEFT_OUT = 30  # images after the next one that are looked for where that does not come
+_SILENCE = 1.0  # seconds without any of these after which a folder is listed anew: it may hold a hundred thousand
 
 
 class Arrival(NamedTuple):
@@ -201,6 +203,8 @@ def _growing(scenes: Sequence[Scene], scale: float, folder: Path) -> Arrivals:
             time.sleep(_POLL)
             waited += _POLL
             if waited > _STALE / scenes[0].fps:  # numbers may have been left out
+                number = next((after for after in range(number, number + _LEFT_OUT) if any(files(after))), number)
+            if waited > _SILENCE:
                 number, waited = max(number, *(int(Path(last_of(each)).stem or 0) for each in folders)), 0.0
         while all(files(number + 2)):
             number += 1

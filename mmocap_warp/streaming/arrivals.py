@@ -185,10 +185,12 @@ def _growing(scenes: Sequence[Scene], scale: float, folder: Path) -> Arrivals:
     def last_of(folder: Path) -> str:
         return max((name for name in os.listdir(folder) if Path(name).stem.isdecimal()), key=natural_order, default="")
 
+    patience = time.monotonic() + _SILENCE  # an image may have another name while it is written
     while not all(names := [last_of(each) for each in folders]):
-        for each in (each for each, name in zip(folders, names, strict=True) if not name):
-            if others := [name for name in os.listdir(each) if name.lower().endswith(IMAGE_SUFFIXES)]:
-                raise InputError(each / others[0], "has a name that is no number", "name images 0001.png and so on")
+        if time.monotonic() > patience:
+            files_of = (each / name for each in folders for name in os.listdir(each) if not last_of(each))
+            if other := next((file for file in files_of if file.suffix.lower() in IMAGE_SUFFIXES), None):
+                raise InputError(other, "has a name that is no number", "name images 0001.png and so on")
         time.sleep(_POLL)
     ends = [each / name for each, name in zip(folders, names, strict=True)]
     number = max(int(end.stem) for end in ends)

@@ -1,7 +1,6 @@
 """The settings of a tracking run, checked, and the search radii that follow from them."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -63,22 +62,20 @@ class TrackConfig:
     threads: int | None = setting(None, "CPU threads.", "all that this process may use")
 
     def __post_init__(self) -> None:
-        _one_of("algorithm", self.algorithm, (*CONTOUR_TRACKERS, *ALGORITHMS))
-        _one_of("preset", self.preset, PRESETS)
-        _one_of("cost", self.cost, COSTS)
-        _one_of("cameras", self.cameras, (AS_GIVEN, REFINE))
-        _one_of("renderer", self.renderer, RENDERERS)
+        choices = {"algorithm": [*CONTOUR_TRACKERS, *ALGORITHMS], "preset": [*PRESETS], "cost": [*COSTS]}
+        choices |= {"cameras": [AS_GIVEN, REFINE], "renderer": [*RENDERERS]}
+        for name, allowed in choices.items():
+            if (value := getattr(self, name)) not in allowed:
+                raise ValueError(f"{name} must be one of {allowed}, got {value!r}")
         for name in ("evaluations", "runs", "threads"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
+            if (value := getattr(self, name)) is not None and value < 1:
                 raise ValueError(f"{name} must be at least 1, got {value}")
         if self.polish and self.algorithm in CONTOUR_TRACKERS:
             raise ValueError(f"polish is for {list(ALGORITHMS)}; {self.algorithm} fits contours by itself")
         if self.smooth is not None and not (math.isfinite(self.smooth) and self.smooth >= 0):
             raise ValueError(f"smooth must be finite and not negative, got {self.smooth}")
         for name in ("rotation_radius", "translation_radius"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
+            if (value := getattr(self, name)) is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite, got {value}")
         if not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
@@ -111,8 +108,3 @@ class TrackConfig:
         """Rotation [rad] and translation [m] radius at a frame rate: the flags', or the preset's for it."""
         rotation, translation = PRESETS[self.preset].at(CONTOUR_TRACKERS.get(self.algorithm) or self.algorithm, fps)
         return self.rotation_radius or rotation, self.translation_radius or translation
-
-
-def _one_of(name: str, value: object, allowed: Iterable[object]) -> None:
-    if value not in allowed:
-        raise ValueError(f"{name} must be one of {list(allowed)}, got {value!r}")

@@ -98,11 +98,6 @@ def loose_joints(subject: Subject) -> list[str]:
     return str(subject.provenance[LOOSE]).split("+") if LOOSE in subject.provenance else []
 
 
-def loose_clothes(subject: Subject, rig: CameraRig) -> LooseClothes | None:
-    """What finds the loose clothes that a subject was fitted in, if it was."""
-    return LooseClothes(subject, rig, joints) if (joints := loose_joints(subject)) else None
-
-
 def with_hidden(
     observations: Iterable[Observation], subject: Subject, rig: CameraRig, rate: float, pose: PoseBefore
 ) -> Iterator[Observation]:
@@ -110,8 +105,9 @@ def with_hidden(
 
     The first is of the frame that the subject's own pose is of. ``rate`` is in frames a second.
     """
-    silhouettes_of, clothes = body_silhouettes(subject, rig), loose_clothes(subject, rig)
+    silhouettes_of = body_silhouettes(subject, rig)
     followed = with_holes(observations, rate, lambda place: silhouettes_of(pose(place)))
-    if clothes is None:
+    if not (worn := loose_joints(subject)):
         return followed
+    clothes = LooseClothes(subject, rig, worn)
     return (clothes.hidden_in(seen, pose(i) if i else subject.pose[None]) for i, seen in enumerate(followed))

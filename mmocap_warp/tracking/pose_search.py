@@ -107,16 +107,11 @@ def _optimizers(
     by_part = [*skeleton.searched_by_part(config.dof).values()]
     parts = by_part if algorithm.hierarchical else [skeleton.searched(config.dof)]
     rotation, translation = radii
+    radius = np.where(skeleton.is_length, translation, rotation)
     searched = [np.concatenate(parts)] if algorithm.partitioned else parts
     options = {"partitions": [len(index) for index in parts]} if algorithm.partitioned else {}
-    return [
-        algorithm.optimizer(
-            make_space(index, np.where(skeleton.is_length[index], translation, rotation), seed, counter),
-            config.budget,
-            **options,
-        )
-        for index in searched
-    ]
+    spaces = (make_space(index, radius[index], seed, counter) for index in searched)
+    return [algorithm.optimizer(space, config.budget, **options) for space in spaces]
 
 
 def search_size(skeleton: Skeleton, config: TrackConfig) -> tuple[int, int]:

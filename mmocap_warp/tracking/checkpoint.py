@@ -44,12 +44,9 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
         InputError: an image or a video that cannot be read.
     """
     rotation, translation = config.radii(scene.rate)
-    settings = asdict(config) | {
-        "dof": len(subject.body.skeleton.searched(config.dof)),
-        "device": resolve_device(config.device),
-        "rotation_radius": rotation,
-        "translation_radius": translation,
-    }
+    dof, device = len(subject.body.skeleton.searched(config.dof)), resolve_device(config.device)
+    effective = {"dof": dof, "device": device, "rotation_radius": rotation, "translation_radius": translation}
+    settings = asdict(config) | effective
     # Any of these give the same bits; cameras count as they are tracked with.
     del settings["threads"], settings["renderer"], settings["cameras"]
     placed = [(camera.recorded_scale, camera.recorded_offset, camera.mask_mark) for camera in scene.cameras]

@@ -247,10 +247,8 @@ def combine(
     """
     scale = misfit / usual
     alike = SYSTEMATIC * min(max(scale, 1.0), MOST_SYSTEMATIC)
-    pose, joint = (
-        scale * np.hypot(NOISE * own, alike * shared)
-        for own, shared in ((noise.pose, body.pose), (noise.joint, body.joint))
-    )
+    pose = scale * np.hypot(NOISE * noise.pose, alike * body.pose)
+    joint = scale * np.hypot(NOISE * noise.joint, alike * body.joint)
     return Uncertainty(np.minimum(pose, widest), joint)
 
 

@@ -105,14 +105,12 @@ class ContourFitter:
         changed = {"vertex": (parameters, vertices), "joint": (parameters, joints), "origin": origin}
         self._change = allocated(RestChange, device, **changed)
 
-        # The masks of frames, the cameras, and how the body moves in the time by which a view is late.
+        # The masks of frames, the cameras, and how the body moves in the time by which a view is late. Each candidate's
+        # frame, and which of its neighbours there are, is of this fitter alone.
         self.fields: DistanceFields = like.fields if like else DistanceFields(rig, frames, candidates, device)
-        self._place = wp.zeros(
-            candidates, dtype=wp.int32, device=device
-        )  # each candidate's frame, of this fitter alone
+        self._place, self._sides = (wp.zeros(candidates, dtype=wp.int32, device=device) for _ in range(2))
         self._late: np.ndarray = like._late if like else np.zeros((frames, cameras), np.float32)
         self._views = make_views(rig, device)
-        self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
         skin = dict.fromkeys(("velocity", "bend"), (candidates, vertices))
         late = like._moving.late if like else self._late
         self._moving: Any = allocated(Moving, device, late=late, frame=self._place, own=0.0, **skin)

@@ -22,9 +22,8 @@ class FrameArrays:
     """A frozen dataclass of arrays, or such dataclasses again, with one frame a row, and of what all frames share."""
 
     def __getitem__(self, frames: slice | np.ndarray) -> Self:
-        return type(self)(
-            *(each[frames] if isinstance(each, np.ndarray | FrameArrays) else each for each in vars(self).values())
-        )
+        values = vars(self).values()
+        return type(self)(*(each[frames] if isinstance(each, np.ndarray | FrameArrays) else each for each in values))
 
     def where(self, taken: np.ndarray, other: Self) -> Self:
         """These where they are ``taken``, (frame,) bool or with the arrays' next axes too, and others elsewhere."""

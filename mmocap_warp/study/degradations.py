@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -262,16 +263,10 @@ def write_sequence(
     about = f"{sequence.name} of the study's shipped sequences, made up with known truth."
     if degradation != NONE:
         about += f" Made worse: {degradation}, seed {seed}."
-    return write_made_scene(
-        Path(folder),
-        _Streamed(worse, labelled),
-        worse.truth or sequence.truth,
-        name=sequence.name,
-        about=about,
-        foreground=_FOREGROUND + (_LABELS if labelled else ""),
-        subject=sequence.subject,
-        progress=progress,
-    )
+    footage, truth = _Streamed(worse, labelled), worse.truth or sequence.truth
+    foreground = _FOREGROUND + (_LABELS if labelled else "")
+    given: dict[str, Any] = {"name": sequence.name, "subject": sequence.subject, "progress": progress}
+    return write_made_scene(Path(folder), footage, truth, about=about, foreground=foreground, **given)
 
 
 def write_people(folder: Path, clips: Sequence[StudySequence], apart: float, progress: Progress | None = None) -> Path:

@@ -37,10 +37,9 @@ def rank_figure(ranking: Ranking, algorithms: Sequence[str]) -> str:
             parts.append(f'<path class="paper" d="M{left} {middle}l6 -6 6 6 -6 6z"/>')
         found = ranking.row(name, first.dof, first.evaluations)
         if found is not None:
-            low, high = (
-                (x.at(end), y.at(row)) for end in np.nan_to_num(found.rank_interval, nan=found.comparison.rank)
-            )
-            dot = chart.dots(x, y, [(found.comparison.rank, row)], 5)
+            rank = found.comparison.rank
+            low, high = ((x.at(end), y.at(row)) for end in np.nan_to_num(found.rank_interval, nan=rank))
+            dot = chart.dots(x, y, [(rank, row)], 5)
             parts.append(_marked(name, chart.line(low, high, "range") + dot))
     label = f"Average rank of each algorithm, {first.dof} DOF, {first.evaluations} evaluations per frame"
     return chart.figure((width, bottom + 22), label, parts)

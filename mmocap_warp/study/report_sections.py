@@ -22,15 +22,10 @@ def trackers_section(study: StudySummary) -> Section | None:
     if not placed and table is None and not study.baselines:
         return None
     if placed:
-        caption = fill(
-            "trackers-caption",
-            measure=main.label,
-            sequences=over(study.sequences),
-            dof=study.models[0],
-            extent=extent(study.cells_of([each for each in study.contenders if each.algorithm in placed], main)),
-            budgets=listed(study.budgets),
-            seconds=f"{paper.SECONDS_PER_500:g}",
-        )
+        size = extent(study.cells_of([each for each in study.contenders if each.algorithm in placed], main))
+        words = {"measure": main.label, "sequences": over(study.sequences), "dof": study.models[0], "extent": size}
+        words |= {"budgets": listed(study.budgets), "seconds": f"{paper.SECONDS_PER_500:g}"}
+        caption = fill("trackers-caption", **words)
         drawing = drawn(report_figures.time_error_figure(study, main), caption)
         parts.append(fill("figure", content=[drawing, report_figures.legend([*placed])]))
     if table is not None:
@@ -69,14 +64,10 @@ def _ranked(study: StudySummary, number: int, dof: int, measure: Measure) -> str
     if not rankings:
         return ""
     size, in_paper = extent(study.of_grid(dof=dof)), any(paper.printed_ranks(dof, budget) for budget in study.budgets)
-    figure = fill(
-        "rank-panels",
-        panels=[fill("panel", drawing=[report_figures.rank_figure(ranking, study.algorithms)]) for ranking in rankings],
-        dof=dof,
-        measure=named(measure),
-        diamonds="; diamonds are the paper" if in_paper else "",
-        extent=size,
-    )
+    panels = [fill("panel", drawing=[report_figures.rank_figure(ranking, study.algorithms)]) for ranking in rankings]
+    diamonds = "; diamonds are the paper" if in_paper else ""
+    words = {"dof": dof, "measure": named(measure), "diamonds": diamonds, "extent": size}
+    figure = fill("rank-panels", panels=panels, **words)
     caption = f"{dof}-DOF model, ranked by {named(measure)}, as Table {number} of the paper. {size}."
     table = report_tables.ranking_table(rankings, caption).html()
     floor = report_tables.floor_note(study, measure, rankings[0].sequences)

@@ -157,12 +157,10 @@ class StudySummary:
 
     def __post_init__(self) -> None:
         presets = [cell.preset for cell in self.cells]
+        names = sorted(set(presets))
         # of most cells: the one that the study is about; of equally many the default one
-        self.preset: str = max(
-            sorted(set(presets)), key=lambda name: (presets.count(name), name == Cell.preset), default=""
-        )
-        # all of them, the main one first
-        self.presets = sorted(set(presets), key=lambda name: (name != self.preset, name))
+        self.preset: str = max(names, key=lambda name: (presets.count(name), name == Cell.preset), default="")
+        self.presets = sorted(names, key=lambda name: name != self.preset)  # all of them, the main one first
         main = [cell for cell in self.cells if cell.preset == self.preset]
         searches = [cell for cell in main if _is_search(cell.algorithm)] or main
         # of the main preset and compared as the paper does; all where none is such

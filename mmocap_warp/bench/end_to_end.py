@@ -89,13 +89,11 @@ def end_to_end(walk: Walk, device: str, threads: list[int]) -> Iterator[list[Cas
             yield [_case(END_TO_END, *each, sizes, walk) for each in _stages(walk, config, file).items()]
         half, few = max(1, walk.frames // 2), max(2, len(walk.rig) // 2)
         grown = [walk, replace(walk, frames=half), replace(walk, cameras=few), replace(walk, scale=walk.scale / 2)]
-        yield [
-            _case(
-                GROWTH, "whole", partial(one.tracked, config, file),
-                {"frames": one.frames, "views": len(one.rig), "rows": int(one.rig.size[0, 1])}, one,
-            )
-            for one in grown
-        ]  # fmt: skip
+        cases = []
+        for one in grown:
+            sizes = {"frames": one.frames, "views": len(one.rig), "rows": int(one.rig.size[0, 1])}
+            cases.append(_case(GROWTH, "whole", partial(one.tracked, config, file), sizes, one))
+        yield cases
 
 
 def _stages(walk: Walk, config: TrackConfig, file: Path) -> dict[str, Callable[[], Any]]:

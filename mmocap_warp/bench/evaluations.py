@@ -34,10 +34,8 @@ def stages(load: Workload, candidates: int, device: str) -> Iterator[list[Case]]
         silhouettes = _silhouettes(load, candidates, renderer, device)
         drawn[renderer] = partial(silhouettes.draw, posed, silhouettes.whole, batch), silhouettes.canvas.count
     sizes = {"candidates": candidates} | load.sizes
-    yield [
-        Case(KERNELS, renderer, sizes, work, partial(_same_counts, drawn), candidates)
-        for renderer, (work, _count) in drawn.items()
-    ]
+    check = partial(_same_counts, drawn)
+    yield [Case(KERNELS, name, sizes, work, check, candidates) for name, (work, _count) in drawn.items()]
     yield _freezing(load, posed[:1], device)
     yield [_cost(load, drawn[RENDERERS[0]][1], device)]
 

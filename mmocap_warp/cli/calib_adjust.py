@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, AdjustConfig, Deviations
 from mmocap_warp.cli.command import Answer, Given, attributes, command
-from mmocap_warp.cli.console import Output, checked, flags_of, given, next_step, table
+from mmocap_warp.cli.console import Pictures, checked, flags_of, given, next_step, table
 from mmocap_warp.formats.toml_table import quoted_path
 from mmocap_warp.tracking.track_config import REFINE
 
@@ -31,10 +31,7 @@ _UNITS: dict[str, tuple[str, float]] = {
 
 
 @command(
-    "calibrate:check_cameras",
-    order="pictures identity body frames",
-    pictures=Annotated[Path | None, Output],
-    settings=AdjustFlags | None,
+    "calibrate:check_cameras", order="pictures identity body frames", pictures=Pictures, settings=AdjustFlags | None
 )
 def check(call: Any, loaded: Scene) -> Answer:
     result = call()

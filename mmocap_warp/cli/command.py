@@ -152,16 +152,12 @@ def _declaration(module: str, name: str) -> tuple[dict[str, Parameter], str]:
         *((each, BY_FLAG, default) for each, default in zip(had.kwonlyargs, had.kw_defaults, strict=True)),
         (had.kwarg, Parameter.VAR_KEYWORD, None),
     ]
-    parameters = {
-        each.arg: Parameter(
-            each.arg,
-            kind,
-            default=REQUIRED if default is None else ast.literal_eval(default),
-            annotation=ast.unparse(each.annotation) if each.annotation else "",
-        )
-        for each, kind, default in listed
-        if each is not None
-    }
+    parameters = {}
+    for each, kind, default in listed:
+        if each is not None:
+            known = {} if default is None else {"default": ast.literal_eval(default)}
+            annotation = ast.unparse(each.annotation) if each.annotation else ""
+            parameters[each.arg] = Parameter(each.arg, kind, annotation=annotation, **known)
     return parameters, inspect.cleandoc(ast.get_docstring(function) or "")
 
 

@@ -31,6 +31,7 @@ TERMINATED = 143  # stopped by SIGTERM, as by a scheduler or a machine that shut
 # How parameters are taken that many commands have. A switch is given or not: it takes no value and has no opposite.
 Switch = Annotated[bool, Parameter(negative="", show_default=False)]
 Output = Parameter(name=["--output", "-o"])
+Pictures = Annotated[Path | None, Output]
 _IDENTITY = "Who is meant, where masks show several: the index in their palette, or their gray level."
 _SCENE_FRAMES = (
     "Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or a "

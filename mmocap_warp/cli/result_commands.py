@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
 TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
+_Beside = Annotated[list[Path] | None, Parameter()]
 
 
 @command("track:track", output=Given(Path | None), frames=SceneFrames, settings=TrackFlags | None)
@@ -219,7 +220,7 @@ def _by_joint(errors: dict[str, dict[str, float | None]]) -> str:
     "show:show",
     order="output beside scene whole slow deviations strip",
     result=Path,
-    beside=Annotated[list[Path] | None, Parameter()],
+    beside=_Beside,
     frames=ResultFrames,
 )
 def show(call: Any, result: Path) -> Answer:
@@ -237,12 +238,7 @@ def show(call: Any, result: Path) -> Answer:
 
 
 @command(
-    "show:view",
-    order="output beside images scene",
-    beside=Annotated[list[Path] | None, Parameter()],
-    truth=None,
-    name=None,
-    joint_set=Given(str, "rig"),
+    "show:view", order="output beside images scene", beside=_Beside, truth=None, name=None, joint_set=Given(str, "rig")
 )
 def view(call: Any, result: Path, output: Path | None) -> Answer:
     page = output or result.with_suffix(".html")
@@ -371,17 +367,12 @@ def _judgement(report: dict[str, Any]) -> list[str]:
 
 def beside(reports: dict[str, dict[str, Any]]) -> str:
     """Trackers by name, a row each, with the numbers that tell them apart."""
-    head = ("", "Eq. 20", "MPJPE", "shake", "mean IoU", "worst IoU", "time")
-    rows = [
-        (
-            name,
-            *(f"{_number(report.get(key), '.1f')} mm" for key in ("marker_error_mm", "mpjpe_mm", "shake_mm")),
-            *(_number(report[key], ".3f") for key in ("mean_iou", "worst_iou")),
-            f"{report['seconds']:.1f} s",
-        )
-        for name, report in reports.items()
-    ]
-    return table([head, *rows])
+    rows: list[tuple[str, ...]] = [("", "Eq. 20", "MPJPE", "shake", "mean IoU", "worst IoU", "time")]
+    for name, report in reports.items():
+        lengths = (f"{_number(report.get(key), '.1f')} mm" for key in ("marker_error_mm", "mpjpe_mm", "shake_mm"))
+        overlaps = (_number(report[key], ".3f") for key in ("mean_iou", "worst_iou"))
+        rows.append((name, *lengths, *overlaps, f"{report['seconds']:.1f} s"))
+    return table(rows)
 
 
 def _error(report: dict[str, Any], key: str) -> str:

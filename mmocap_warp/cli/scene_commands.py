@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from mmocap_warp.cli.command import ANY_NUMBER, BY_PLACE, Answer, Given, attributes, command
-from mmocap_warp.cli.console import Console, Output, SceneFrames, checked, next_step, table
+from mmocap_warp.cli.console import Console, Pictures, SceneFrames, checked, next_step, table
 from mmocap_warp.formats.table import DATASETS
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f}" if share == share else "-"
 
 
-@command("calibrate:show_cameras", order="pictures", pictures=Annotated[Path | None, Output])
+@command("calibrate:show_cameras", order="pictures", pictures=Pictures)
 def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     from mmocap_warp.scene.scene_toml import load_scene
 
@@ -190,14 +190,11 @@ def synth(call: Any, cameras: int) -> Answer:
     return Answer(values | {"cameras": cameras, "next": step}, [repr(made), f"next: {step}"])
 
 
-_PARTS = Parameter(help="\\\n".join(dataset.usage(name) for name, dataset in DATASETS.items()))
+_USAGE = "\\\n".join(dataset.usage(name) for name, dataset in DATASETS.items())
+_PARTS = Given(Annotated[str, Parameter(help=_USAGE)], kind=ANY_NUMBER)
 
 
-@command(
-    "new_scenes:import_dataset",
-    name=Given(Literal[tuple(DATASETS)], kind=BY_PLACE),
-    parts=Given(Annotated[str, _PARTS], kind=ANY_NUMBER),
-)
+@command("new_scenes:import_dataset", name=Given(Literal[tuple(DATASETS)], kind=BY_PLACE), parts=_PARTS)
 def dataset(call: Any, output: Path) -> Answer:
     made, scene = call(), output / "scene.toml"
     step = next_step("cameras", scene, "-o", output / "axes")

@@ -18,6 +18,7 @@ from mmocap_warp.cli.console import FAILURE, OK, Console, checked, table
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
 bench_app = App(name="bench", version_flags=[])
 _COMPARE = Parameter(help="An earlier report: the text, not --json, shows how many times as quick each line is now.")
+_MORE = Given(Annotated[Path, Parameter(help="Further folders of results, of the same page.")], kind=ANY_NUMBER)
 _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
 _COLUMNS = tomllib.loads(Path(__file__).with_name("study_tables.toml").read_text("utf-8"))
 
@@ -122,11 +123,7 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
 
 @app.command(help="Write a study's results as one HTML page.", sort_key=4)
 @command(
-    "studies:report_study",
-    order="results more output",
-    results=Path,
-    more=Given(Annotated[Path, Parameter(help="Further folders of results, of the same page.")], kind=ANY_NUMBER),
-    studies=several("--study", Path),
+    "studies:report_study", order="results more output", results=Path, more=_MORE, studies=several("--study", Path)
 )
 def report(call: Any, results: Path, more: tuple[Path, ...]) -> Answer:
     written = call(results=[results, *more])

@@ -98,23 +98,19 @@ def run_study(
     open_folder(folder)
     lock(folder)
     keep = {"keep": with_typical_pose} if poses == "typical" else {}
-    warn = (reporter or Reporter()).warn
+    reporter, done = reporter or Reporter(), list[Status]()
 
-    evaluations, finished, spent = 0, 0, 0.0  # what earlier calls have done, and seconds that they took of the run's
-
-    def track(chosen: list[CellTask]) -> Status:
-        nonlocal evaluations, finished, spent
-        left = None if seconds is None else max(0.0, seconds - spent)
-        status = run_jobs(chosen, start, show or (lambda status: None), warn, left, **keep)
-        spent, finished = spent + status.seconds, finished + status.finished
-        evaluations += status.evaluations
-        return status
+    def track(chosen: list[CellTask]) -> None:
+        left = None if seconds is None else max(0.0, seconds - sum(each.seconds for each in done))
+        done.append(run_jobs(chosen, start, show or (lambda status: None), reporter.warn, left, **keep))
 
     if accept_changed_code:
-        keep_earlier_cells(loaded, tasks, kind, track, (reporter or Reporter()).note)
-    status = track(tasks)
-    reused = status.reused - (finished - status.finished)
-    status = replace(status, reused=reused, finished=finished, evaluations=evaluations, seconds=spent)
+        keep_earlier_cells(loaded, tasks, kind, track, reporter.note)
+    track(tasks)
+    *earlier, last = done
+    reused, spent = last.reused - sum(each.finished for each in earlier), sum(each.seconds for each in done)
+    finished, evaluations = sum(each.finished for each in done), sum(each.evaluations for each in done)
+    status = replace(last, reused=reused, finished=finished, evaluations=evaluations, seconds=spent)
     return StudyRun(loaded.name, folder, status, _summaries(tasks))
 
 
@@ -201,12 +197,8 @@ def report_study(
     if alone is not None and not times:
         raise InputError(alone, "holds no result of one seed", "name the folder of a study with seeds = 1")
     clips = clips_of(tracked, {clip.name: clip for each in loaded for clip in each.clips})
-    summary = replace(
-        tracked,
-        baselines=baselines(tracked, clips),
-        alone=times,
-        planned=frozenset(plan.cell for each in loaded for plan in each.plans),
-    )
+    planned = frozenset(plan.cell for each in loaded for plan in each.plans)
+    summary = replace(tracked, baselines=baselines(tracked, clips), alone=times, planned=planned)
     if mixed := mixture(summary):
         reporter.note(f"{folders[0]}: {mixed}")
     write_report(summary, clips, notes, page, tables, cells)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.commands.caller import Reporter
+from mmocap_warp.commands.caller import Progress, Reporter
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.errors import InputError, UsageError
@@ -57,18 +58,15 @@ class Piece:
         pose = self.rooting(found.root_base).enter(found.pose[None])
         return self.starting_at(self.rooting().leave(pose, self.subject.pose[ROOT_ANGLES])[0])
 
-    def tracked(self, progress: Callable[[int], None]) -> Result:
-        """The piece that has begun, tracked; ``progress`` is told frames that are done: smoothing is half of them."""
+    def tracked(self, progress: Progress) -> Result:
+        """The piece that has begun, tracked; ``progress`` hears of frames that are done: smoothing is half of them."""
         frames = [0, 0]
 
         def report(stage: int, done: int) -> None:
             frames[stage] = done
-            progress(sum(frames) // 2 if self.config.acceleration else done)
+            progress(sum(frames) // 2 if self.config.acceleration else done, self.scene.frame_count)
 
-        reports: dict[str, Any] = {
-            "progress": lambda frame, _: report(0, frame + 1),
-            "smooth_progress": lambda done: report(1, done),
-        }
+        reports: dict[str, Any] = {"progress": lambda at, _: report(0, at + 1), "smooth_progress": partial(report, 1)}
         files = {"checkpoint": self.checkpoint, **self.resumption}
         return frame_loop.track(self.scene, self.subject, self.config, **files, **reports)
 
@@ -98,7 +96,7 @@ class PieceWorker:
             yield None
             return
         with ThreadPoolExecutor(1) as pool:
-            tracked = pool.submit(piece.tracked, done.append)
+            tracked = pool.submit(piece.tracked, lambda frames, _: done.append(frames))
             while not wait([tracked], timeout=0.5).done:
                 yield Advance("track", done[-1], job.scene.frame_count, 0)
         try:
@@ -142,7 +140,8 @@ def track_in_pieces(
                 reporter.note(f"pieces: from frame {first} on that before is followed instead")
                 pose = before.pose[before.best_run, before.frame_numbers.tolist().index(first)]
                 piece = replace(piece.starting_at(pose), checkpoint=files[count + k])
-            result = _tracked_here(piece, reporter)
+            with reporter.stage("track again") as progress:
+                result = piece.tracked(progress)
         parts[-1:] = _met(piece, parts[-1], result) if parts else [result]
     return _together(parts, config)
 
@@ -161,12 +160,6 @@ def checkpoints(first: Path, count: int) -> list[Path]:
     """The checkpoints of so many pieces, of which the ``first`` is given, then those of pieces tracked again."""
     later = (first.with_name(f"{first.name}.{name}{k}") for name in ("", "again.") for k in range(count))
     return [first, *islice(later, 1, None)]
-
-
-def _tracked_here(piece: Piece, reporter: Reporter) -> Result:
-    """A piece, tracked by this process; an InputError says why it cannot be."""
-    with reporter.stage("track again") as progress:
-        return piece.tracked(lambda done: progress(done, piece.scene.frame_count))
 
 
 def _side_by_side(pieces: list[Piece], progress: Callable[[int], None]) -> dict[int, Result | None]:

@@ -57,11 +57,9 @@ def scene_from(
             listed = f"one of {', '.join(chosen.people)}" if chosen.people else "in the scene, which names nobody"
             raise UsageError(f"--person {person} is not {listed}")
         chosen = chosen.of_person(person)
-    if (
-        (reporter is not None and getattr(type(reporter), "note", None) is not Reporter.note)  # else nobody hears it
-        and chosen.foreground.source == "masks"
-        and not (chosen.foreground.identity or chosen.labelled or chosen.people)
-    ):
+    is_heard = getattr(type(reporter), "note", None) is not Reporter.note
+    is_clear = chosen.foreground.identity or chosen.labelled or chosen.people
+    if reporter is not None and is_heard and chosen.foreground.source == "masks" and not is_clear:
         others = ((source.name, _others(chosen, source)) for source in chosen.cameras)
         if (seen := next((f"{name} {line}" for name, line in others if line is not None), None)) is not None:
             reporter.note(seen)  # the other cameras see the same people
@@ -76,10 +74,9 @@ def _open_scene(
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene or the path of one, not a {type(scene).__name__}")
     if identity is not None:
-        if scene.foreground.source != "masks" or scene.labelled or scene.people:
-            other = (
-                "are subtracted" if scene.foreground.source != "masks" else "have labels of people; --person chooses"
-            )
+        are_given = scene.foreground.source == "masks"
+        if not are_given or scene.labelled or scene.people:
+            other = "have labels of people; --person chooses" if are_given else "are subtracted"
             raise UsageError(f"--identity chooses among given masks; this scene's {other}")
         scene = replace(scene, foreground=replace(scene.foreground, identity=identity))
     if frames is None:

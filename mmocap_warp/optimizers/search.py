@@ -159,20 +159,16 @@ class Search:
             keep_best(objective.evaluate(self._runs), objective.pose, 1, self.best_cost, self.best_pose)
         for optimizer, moved, sizes in zip(self._optimizers, self._moved, self._sizes, strict=True):
             objective.hold(self.best_pose, moved)
-            self._search_part(optimizer, sizes)
+            optimizer.start(self.best_pose)
+            for particles in sizes:
+                population = optimizer.ask(particles)
+                place(population, optimizer.space.index, self.best_pose, self._limits, particles, objective.pose)
+                cost = objective.evaluate(self._runs * particles)
+                if optimizer.returns_best:
+                    keep_best(cost, objective.pose, particles, self.best_cost, self.best_pose)
+                if particles == optimizer.particles:
+                    optimizer.tell(cost)
+            if not optimizer.returns_best:
+                optimizer.estimate(self.best_pose)
+                clamp(self._limits, self.best_pose)
         objective.release()
-
-    def _search_part(self, optimizer: Optimizer, sizes: list[int]) -> None:
-        optimizer.start(self.best_pose)
-        objective = self._objective
-        for particles in sizes:
-            population = optimizer.ask(particles)
-            place(population, optimizer.space.index, self.best_pose, self._limits, particles, objective.pose)
-            cost = objective.evaluate(self._runs * particles)
-            if optimizer.returns_best:
-                keep_best(cost, objective.pose, particles, self.best_cost, self.best_pose)
-            if particles == optimizer.particles:
-                optimizer.tell(cost)
-        if not optimizer.returns_best:
-            optimizer.estimate(self.best_pose)
-            clamp(self._limits, self.best_pose)

@@ -105,10 +105,9 @@ def fit(
     count = max(1, min(_MOST_PARTS, int(span / scene.rate / _PART_SECONDS))) if several else 1
     parts = (scene.of_frames(scene.frames[span * part // count :]) for part in range(count))
     first, *later = (islice(part.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step) for part in parts)
+    rig, rate = scene.rig(scale), scene.rate / numbers.step
     try:
-        subject = fit_clip(
-            body, scene.rig(scale), scene.rate / numbers.step, first, config, progress, start_poses, later,
-        )  # fmt: skip
+        subject = fit_clip(body, rig, rate, first, config, progress, start_poses, later)
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
         if scene.of_several:
@@ -293,9 +292,8 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
 def _turned(skeleton: Skeleton, one: Guess, other: Guess) -> bool:
     """Whether one faces away from the other. Bodies that may lie any way up are compared by the turn between them."""
     here, there = one.orientation(skeleton), other.orientation(skeleton)
-    if skeleton.stands:
-        return bool(there[:, 2] @ here[:, 2] < _TURNED_COSINE)
-    return bool((np.trace(here.T @ there) - 1) / 2 < _TURNED_COSINE)
+    cosine = there[:, 2] @ here[:, 2] if skeleton.stands else (np.trace(here.T @ there) - 1) / 2
+    return bool(cosine < _TURNED_COSINE)
 
 
 def _differ(one: Subject, other: Subject) -> bool:

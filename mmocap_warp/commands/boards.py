@@ -75,7 +75,8 @@ def calibrate_board(
     names, sizes = list(sources), np.array([frames.size for frames, _ in sources.values()])
     lenses = None if known is None else _lenses(Path(known), names, sizes)
     # The same moments of all cameras.
-    count = min(len(frames) for frames, _ in sources.values())
+    ends = (len(f) if s is None else int((len(f) - s.frame_offset) / s.rate) for f, s in sources.values())
+    count = max(1, min(ends))
     if floor is not None and not 0 <= floor < count:
         raise UsageError(f"--floor = {floor} is not in 0 to {count - 1}")
     moments = sorted({*range(0, count, max(1, -(-count // _MAX_FRAMES))), *([] if floor is None else [floor])})

@@ -40,6 +40,9 @@ class ImageFolder:
         return (read_image(self.files[i]) for i in evenly_spread(len(self), count))
 
 
+_MOST_LATE = 1.5  # frames by which one may miss the time that an even rate gives it
+
+
 @dataclass(frozen=True)
 class VideoFile:
     """A video, decoded from its start because seeking is inexact. Its grays are ``soft``: compression blurs them."""
@@ -62,13 +65,20 @@ class VideoFile:
 
     def read(self, first: int = 0) -> Iterator[np.ndarray]:
         """Frames from ``first`` on, (height, width, 3) BGR uint8, or (height, width) of one channel."""
-        capture = cv2.VideoCapture(str(self.path))
+        capture, begun = cv2.VideoCapture(str(self.path)), 0.0
         try:
             for frame in range(self.count):
                 good, image = _next_frame(capture, frame >= first)
                 if not good:
-                    remedy = f"copy the file again, or set [scene] frames = {frame}"
+                    remedy = f"copy or encode it again, or set [scene] frames = {frame}"
                     raise InputError(self.path, f"ends after {frame} of its {self.count} frames", remedy)
+                seconds = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000  # 0 where the file does not say it
+                begun = begun if frame else seconds
+                late = (seconds - begun) * self.fps - frame
+                if seconds > 0 and self.fps > 0 and abs(late) > _MOST_LATE:
+                    problem = f"frame {frame} comes {late:+.1f} frames late: its rate varies"
+                    remedy = f"encode it evenly: ffmpeg -i OLD -fps_mode cfr -r {self.fps:g} NEW.mp4"
+                    raise InputError(self.path, problem, remedy)
                 if image is None:
                     continue
                 if image.shape[1::-1] != self.size:

@@ -13,7 +13,7 @@ from mmocap_warp.cameras.rig import UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
 from mmocap_warp.formats.toml_table import quoted, quoted_path, visible
-from mmocap_warp.masks.frames import Frames, VideoFile, as_colour, open_frames
+from mmocap_warp.masks.frames import Frames, ImageFolder, VideoFile, as_colour, open_frames
 from mmocap_warp.scene import folder_search as search
 from mmocap_warp.scene.camera_tables import RATE_TOLERANCE
 from mmocap_warp.scene.folder_search import CalibrationFile, Kind, Medium, Take
@@ -118,7 +118,7 @@ def draft_scene(folder: Path) -> Draft:
         raise InputError(folder, problem, remedy)
     if left_out := [name for name in names if name not in draft.cameras]:
         draft.missing.append(f"videos of {', '.join(left_out)}, which the calibration has: the scene leaves them out")
-    _note_exposures(draft, media)
+    _note_first_images(draft, media)
     # The file, a block for each table.
     blocks = [
         _head(draft, folder),
@@ -131,8 +131,13 @@ def draft_scene(folder: Path) -> Draft:
     return draft
 
 
-def _note_exposures(draft: Draft, media: _Media) -> None:
-    """Say which cameras are much darker or brighter than the others in their first images."""
+def _note_first_images(draft: Draft, media: _Media) -> None:
+    """Say which cameras are much darker or brighter than the others in their first images, and which begin later."""
+    folders = {name: frames.files[0].stem for name, frames in media.frames.items() if isinstance(frames, ImageFolder)}
+    begin = {name: int(end[0]) for name, stem in folders.items() if (end := re.search("[0-9]+$", stem))}
+    if len({*begin.values()}) > 1:
+        listed = ", ".join(f"{name} {number}" for name, number in begin.items())
+        draft.found.append(f"images begin with unlike numbers ({listed}); if these are moments, give frame_offset")
     level = {name: float(image.mean()) for name, image in media.first_images.items() if name in media.video}
     usual = float(np.median([*level.values()])) if level else 0.0
     for name, own in level.items():
@@ -148,7 +153,9 @@ def _sizes(media: list[Medium], found: CalibrationFile) -> dict[str, tuple[int, 
     sizes: dict[str, tuple[int, int]] = {}
     for medium in media:
         if medium.kind in ("recording", "masks") and medium.parts[-1] not in sizes:
-            sizes[medium.parts[-1]] = open_frames(medium.path).size
+            size = open_frames(medium.path).size
+            for word in (medium.parts[-1], *re.findall("[A-Za-z0-9]+", medium.parts[-1])):  # of which one is a camera's
+                sizes.setdefault(word, size)
     return sizes | ({EVERY_OTHER: next(iter(sizes.values()))} if len(set(sizes.values())) == 1 else {})
 
 

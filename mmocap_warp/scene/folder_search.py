@@ -52,7 +52,12 @@ class Medium:
 def find_media(folder: Path) -> list[Medium]:
     """All videos and folders of images below a folder, and pictures of a background, in the order of their names."""
     media: list[Medium] = []
-    for place, folders, files in os.walk(folder):
+    seen = set[str]()  # links may lead anywhere, and back
+    for place, folders, files in os.walk(folder, followlinks=True):
+        if (real := os.path.realpath(place)) in seen:
+            folders.clear()
+            continue
+        seen.add(real)
         here, files = Path(place), [name for name in files if not name.startswith(".")]
         below = here.relative_to(folder).parts
         folders[:] = sorted(name for name in folders if len(below) < _MAX_DEPTH and not _IGNORED.fullmatch(name))
@@ -92,6 +97,14 @@ def takes(media: list[Medium], kind: Kind, cameras: tuple[str, ...]) -> dict[str
         for camera, place, like in _claims(medium, cameras):
             candidates.setdefault(place, {}).setdefault(camera, medium.path)
             likeness[place] = min(like, likeness.get(place, like))
+    # A number may stand beside each camera's name, as in Walk01_Miqus_1_21001: then no two are of one camera.
+    joined: dict[str, Take] = {}
+    for place, take in candidates.items():
+        joined.setdefault(re.sub("[0-9]+", "*", place), {}).update(take)
+    are_single = all(len(take) == 1 for take in candidates.values())
+    if are_single and len(joined) < len(candidates) == sum(map(len, joined.values())):
+        candidates = joined
+        likeness = {re.sub("[0-9]+", "*", place): like for place, like in likeness.items()}
     # Of the takes of most cameras, those of videos come first, then those whose names are most like the cameras'.
     most = max(map(len, candidates.values()), default=0)
     whole = sorted(place for place, take in candidates.items() if len(take) == most)
@@ -116,6 +129,8 @@ def _claims(medium: Medium, cameras: tuple[str, ...]) -> Iterator[tuple[str, str
             word = rf"(?<![A-Za-z0-9]){re.escape(token)}(?![A-Za-z0-9])"
             starred = [re.sub(word, "*", each, flags=re.IGNORECASE) for each in medium.parts]
             starred[depth] = re.sub("[0-9]+", "*", part) if most == 1 else starred[depth]
+            # A number that is the camera's name alone may be in a folder's name too.
+            yield camera, "/".join([*medium.parts[:depth], starred[depth], *medium.parts[depth + 1 :]]), most
             yield camera, "/".join(starred), most
 
 

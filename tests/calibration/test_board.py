@@ -95,6 +95,7 @@ def test_what_is_wrong_is_named() -> None:
     ("printed", "named", "words"),
     [
         ("charuco:5x7:80mm:60mm:6x6_50", BOARD, "it shows markers of the dictionary 6x6_50"),
+        ("charuco:7x5:80mm", BOARD, ""),  # which has the same markers
         ("charuco:6x9:60mm", BOARD, "it shows marker 2[0-6], which a board of 5x7 squares lacks"),
         ("chessboard:6x5:80mm", Board.parse("chessboard:5x4:80mm"), "it shows a chessboard of 6x5 squares"),
     ],

@@ -172,6 +172,20 @@ def test_qualisys(tmp_path: Path) -> None:
         np.testing.assert_allclose(getattr(again, name), getattr(rig, name), rtol=0, atol=1e-9)
 
 
+def test_qualisys_states_centres_on_the_whole_sensor(tmp_path: Path) -> None:
+    rig, path = distorted_rig(), tmp_path / "rig.qca.txt"
+    text = qualisys_xml(rig).replace('left="0" top="0"', 'left="100" top="40"')
+    for k in range(len(rig)):
+        width, height = rig.size[k]
+        text = text.replace(
+            f'right="{width - 1}" bottom="{height - 1}"', f'right="{width + 99}" bottom="{height + 39}"'
+        )
+    path.write_text(text)
+    again = read_qualisys(path, up="+y")
+    np.testing.assert_array_equal(again.size, rig.size)
+    np.testing.assert_allclose(again.K[:, :2, 2], rig.K[:, :2, 2] - (100, 40), rtol=0, atol=1e-9)
+
+
 def test_qualisys_of_the_real_recording(shared_data: Path) -> None:
     rig = read_qualisys(shared_data / "pose2sim_single" / "calibration" / "Calib.qca.txt")
     assert rig.names == ("cam01", "cam02", "cam03", "cam04")

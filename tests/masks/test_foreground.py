@@ -88,6 +88,39 @@ def test_lossless_video_comes_back_in_order(tmp_path: Path) -> None:
             np.testing.assert_array_equal(image, frame)
 
 
+@pytest.mark.parametrize(("seconds", "late"), [([0, 0, 0, 0, 0], None), ([3, 4, 5, 6, 7], None), ([0, 1, 2, 5, 6], 3)])
+def test_a_video_whose_rate_varies_is_refused(tmp_path: Path, monkeypatch, seconds: list[int], late: int) -> None:
+    """Times may be unknown, and begin anywhere."""
+    write_video(tmp_path / "some.mkv", [np.zeros((48, 64, 3), np.uint8)] * 5)
+    video = replace(open_frames(tmp_path / "some.mkv"), fps=1.0)
+
+    class Timed:
+        """Five frames, and when each comes."""
+
+        grabbed = -1
+
+        def grab(self) -> bool:
+            self.grabbed += 1
+            return self.grabbed < len(seconds)
+
+        def retrieve(self) -> tuple[bool, np.ndarray]:
+            return True, np.zeros((48, 64, 3), np.uint8)
+
+        def get(self, key: int) -> float:
+            assert key == cv2.CAP_PROP_POS_MSEC
+            return 1000.0 * seconds[self.grabbed]
+
+        def release(self) -> None:
+            pass
+
+    monkeypatch.setattr("mmocap_warp.masks.frames.cv2.VideoCapture", lambda _: Timed())
+    if late is None:
+        assert len(list(video.read())) == 5
+    else:
+        with pytest.raises(InputError, match=rf"frame {late} comes \+2\.0 frames late: its rate varies; encode it"):
+            list(video.read())
+
+
 def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
     for i in range(12):
         cv2.imwrite(str(tmp_path / f"{i}.png"), np.full((2, 2), i, np.uint8))

@@ -112,6 +112,38 @@ def test_an_easymocap_project(videos: Path, project: Path, images: bool) -> None
     assert 'masks = "mask-schp/cam01"' in draft.text
 
 
+def test_a_number_that_is_a_cameras_name_may_be_in_a_folders_name(videos: Path, project: Path) -> None:
+    write_toml_rig(project / "calibration.toml", replace(RIG, names=("1", "2", "3")))
+    lay_out(videos, project, "take_1/cam_{}.mkv", cam01="1", cam02="2", cam03="3")
+    assert sources(project) == {name: f"take_1/cam_{name}.mkv" for name in "123"}
+
+
+def test_a_running_number_beside_each_cameras_name_is_no_take(videos: Path, project: Path) -> None:
+    serials = ("21001", "21002", "21003")
+    write_toml_rig(project / "calibration.toml", replace(RIG, names=serials))
+    names = {name: f"{k}_{serial}" for k, (name, serial) in enumerate(zip(RIG.names, serials, strict=True), 1)}
+    lay_out(videos, project, "Walk01_Miqus_{}.mkv", **names)
+    assert sources(project) == {s: f"Walk01_Miqus_{k}_{s}.mkv" for k, s in enumerate(serials, 1)}
+
+
+def test_folders_that_are_links_are_looked_through(videos: Path, project: Path) -> None:
+    write_toml_rig(project / "calibration.toml", RIG)
+    (project / "videos").symlink_to(videos)
+    (videos / "again").symlink_to(project)  # a loop
+    assert draft_scene(project).cameras == RIG.names
+
+
+def test_images_that_begin_at_other_numbers_are_told(project: Path) -> None:
+    write_toml_rig(project / "calibration.toml", RIG)
+    for k, name in enumerate(RIG.names):
+        (project / "images" / name).mkdir(parents=True)
+        for frame in range(2):
+            image = project / "images" / name / f"{10 * k + frame:06d}.jpg"
+            cv2.imwrite(str(image), np.zeros((HEIGHT, WIDTH), np.uint8))
+    (told,) = (line for line in draft_scene(project).found if "unlike numbers" in line)
+    assert told.startswith("images begin with unlike numbers (cam01 0, cam02 10, cam03 20)")
+
+
 def test_images_do_not_tell_the_rate(project: Path) -> None:
     write_easymocap(project, RIG, "R", size=False)
     for name in RIG.names:
@@ -187,6 +219,15 @@ def test_cameras_of_humaneva(videos: Path) -> None:
         (videos / f"Calibration_Data/{name}.cal").write_text(humaneva(RIG, k))
     assert set(sources(videos)) == set(RIG.names)
     assert draft_scene(videos).calibration == videos / "Calibration_Data/cam01.cal"
+
+
+def test_sizes_are_those_of_videos_whose_names_have_a_cameras_among_words(videos: Path, project: Path) -> None:
+    (project / "Calibration_Data").mkdir()
+    for k, name in enumerate(RIG.names):
+        (project / f"Calibration_Data/{name}.cal").write_text(humaneva(RIG, k))
+    lay_out(videos, project, "Image_Data/Walking_1_({}).mkv")
+    write_video(project / "other.mkv", [np.zeros((40, 40, 3), np.uint8)])
+    assert set(sources(project)) == set(RIG.names)
 
 
 def test_an_opencap_session(videos: Path, project: Path) -> None:

@@ -137,7 +137,7 @@ class Board:
             count = 0 if numbers is None else len(numbers)
             if name == self.dictionary and count >= 2 and numbers.max() >= self.columns * self.rows // 2:
                 return f"it shows marker {numbers.max()}, which a board of {self.columns}x{self.rows} squares lacks"
-            if name != self.dictionary and count >= 4:
+            if name.split("_")[0] != self.dictionary.split("_")[0] and count >= 4:  # else the larger has them too
                 return f"it shows markers of the dictionary {name}"
         return None
 

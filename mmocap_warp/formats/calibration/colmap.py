@@ -109,7 +109,8 @@ def _camera_names(images: list[str], source: Path) -> list[str]:
     paths = [PurePosixPath(image) for image in images]
     folders = [path.parent.as_posix() for path in paths]
     if "." not in folders and len(set(folders)) == len(folders):
-        return folders
+        short = [path.parent.name for path in paths]  # of rig1/cam1 the camera's own folder
+        return short if len(set(short)) == len(short) else folders
     names = [path.stem for path in paths]
     (name, count), *_ = Counter(names).most_common(1) or [("", 0)]
     if count > 1:

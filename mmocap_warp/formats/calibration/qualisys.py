@@ -49,6 +49,7 @@ def _read_camera(camera: Element, path: str | Path) -> Camera:
     position = np.array([number("transform", axis) for axis in "xyz"]) / 1000
     keys = "focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew"
     fx, fy, cx, cy, skew = (number("intrinsic", key) / _SUBPIXELS for key in keys)
+    cx, cy = cx - number("fov_video", "left"), cy - number("fov_video", "top")  # stated on the whole sensor
     kinds = ("radial", 1), ("radial", 2), ("tangental", 1), ("tangental", 2), ("radial", 3)  # its spelling
     distortion = [number("intrinsic", f"{kind}Distortion{n}") for kind, n in kinds]
     width = int(number("fov_video", "right") - number("fov_video", "left")) + 1

@@ -14,6 +14,8 @@ from mmocap_warp.whole_file import write_whole
 _UNREAD = ("cam_id", "port", "rotation_count", "error", "exposure", "grid_count", "name")
 """What Caliscope's table of a camera may hold beside its calibration; ``rotation_count`` only turns what it shows."""
 
+_OF_FREEMOCAP = ("world_position", "world_orientation")  # which follow from the calibration
+
 
 def read_toml_rig(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
     """Read a calibration; ``units`` are those of its translations: Pose2Sim writes "m", which is the default;
@@ -61,8 +63,8 @@ def _take_cameras(file: Table, tables: dict[str, Table], metres: float | None) -
             needed = ("rotation", "translation") if metres is not None else ("matrix",)
             if table.take("ignore", bool, False) or not any(map(table.has, needed)):
                 continue
-            for unread in _UNREAD:
-                table.take_any(unread, (str, int, float, bool), None)
+        for unread in _UNREAD if file.name else _OF_FREEMOCAP:
+            table.take_any(unread, (str, int, float, bool, list), None)
         cameras.append(_take_camera(table, name, metres))
         table.finish()
     return cameras

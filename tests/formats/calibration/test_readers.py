@@ -137,6 +137,18 @@ def test_colmap_cameras_are_named_by_their_folders(tmp_path: Path) -> None:
     text = (tmp_path / "images.txt").read_text()
     (tmp_path / "images.txt").write_text(text.replace(".jpg", "/0001.jpg"))
     assert read_calibration(tmp_path, "m").names == ("cam01", "cam02", "cam03", "cam04")
+    (tmp_path / "images.txt").write_text(text.replace(" cam", " rig1/cam").replace(".jpg", "/0001.jpg"))
+    assert read_calibration(tmp_path, "m").names == ("cam01", "cam02", "cam03", "cam04")
+
+
+def test_what_freemocap_adds_follows_from_the_rest(tmp_path: Path) -> None:
+    write_calibration(tmp_path / "rig.toml", brown_rig())
+    text = (tmp_path / "rig.toml").read_text()
+    added = (
+        "world_position = [1.0, 2.0, 3.0]\nworld_orientation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\n"
+    )
+    (tmp_path / "rig.toml").write_text(text.replace("matrix =", f"{added}matrix ="))
+    assert_sees(read_calibration(tmp_path / "rig.toml"), brown_rig())
 
 
 def test_humaneva(tmp_path: Path) -> None:

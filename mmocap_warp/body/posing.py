@@ -30,19 +30,12 @@ def make_body_arrays(
     by_weight = np.argsort(-mesh.weight, axis=1, kind="stable")
     skeleton = body.skeleton
     return allocated(
-        Body,
-        device,
-        parent=np.array(skeleton.parent),
-        depth=skeleton.depth,
-        slides=skeleton.slides,
-        levels=int(skeleton.depth.max()) + 1,
-        joint_frame=skeleton.frame,
-        joint_rest=_repeat(body.joint_rest, copies),
-        root_base=_repeat(root_base, copies if bases is None else bases),
-        rest=_repeat(mesh.rest, copies),
+        Body, device, parent=np.array(skeleton.parent), depth=skeleton.depth, slides=skeleton.slides,
+        levels=int(skeleton.depth.max()) + 1, joint_frame=skeleton.frame, joint_rest=_repeat(body.joint_rest, copies),
+        root_base=_repeat(root_base, copies if bases is None else bases), rest=_repeat(mesh.rest, copies),
         joint=np.take_along_axis(mesh.joint, by_weight, axis=1),
         weight=np.take_along_axis(mesh.weight, by_weight, axis=1),
-    )
+    )  # fmt: skip
 
 
 def make_joint_arrays(candidates: int, joints: int, device: str) -> Any:

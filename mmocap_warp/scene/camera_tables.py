@@ -129,19 +129,11 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
     rate = own_fps / fps
     offset, fraction = _take_offset(table, fps * rate)
     source = CameraSource(
-        name=name,
-        video=opened("video", open_frames),
-        masks=masks,
-        clean_plate=opened("clean_plate", open_image),
-        background=opened("background", open_frames),
-        frame_offset=offset,
-        fraction=fraction,
-        recorded_scale=recorded.take("scale", float, 1.0),
-        recorded_offset=(left, top),
-        rate=rate,
-        centre_shift=(right, down),
-        mask_mark=read_mark(masks.path) if masks else None,
-    )
+        name=name, video=opened("video", open_frames), masks=masks, clean_plate=opened("clean_plate", open_image),
+        background=opened("background", open_frames), frame_offset=offset, fraction=fraction,
+        recorded_scale=recorded.take("scale", float, 1.0), recorded_offset=(left, top), rate=rate,
+        centre_shift=(right, down), mask_mark=read_mark(masks.path) if masks else None,
+    )  # fmt: skip
     if not 0.01 < source.recorded_scale < 100:
         raise recorded.error(f"scale = {source.recorded_scale:g} is not a scale", "give recorded pixels per calibrated")
     recorded.finish()

@@ -99,16 +99,10 @@ def mask_mark(scene: Scene, k: int, scale: float, repaired: bool = False) -> Mas
     source, rig, repaired = scene.cameras[k], scene.calibrated, repaired or scene.foreground.repair
     placed = source.recorded_scale, source.recorded_offset
     return MaskMark(
-        camera=source.name,
-        size=tuple(rig.undistorted(scale).size[k].tolist()),
-        scale=scale,
-        calibrated_size=tuple(rig.size[k].tolist()),
-        first_frame=scene.first_frame,
-        shift=source.shift,
-        stride=scene.stride,
-        repaired=repaired,
-        calibration=calibration_hash(rig, k, *placed, repaired),
-    )
+        camera=source.name, size=tuple(rig.undistorted(scale).size[k].tolist()), scale=scale,
+        calibrated_size=tuple(rig.size[k].tolist()), first_frame=scene.first_frame, shift=source.shift,
+        stride=scene.stride, repaired=repaired, calibration=calibration_hash(rig, k, *placed, repaired),
+    )  # fmt: skip
 
 
 def draw_masks(

@@ -121,29 +121,12 @@ def load_scene(
     _check_sources(sources, rig, foreground, cameras, named_people, needs, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
-        path=path,
-        name=name,
-        fps=fps,
-        frame_count=len(chosen),
-        calibrated=rig,
-        cameras=sources,
-        foreground=foreground,
-        subject=subject,
-        body=body,
-        truth=truth.take_file("file", path.parent, None),
-        truth_axes=truth.take("axes", str, "xyz"),
-        truth_first_frame=truth.take("first_frame", int, 0),
-        track=track,
-        fit=fit,
-        first_frame=chosen.start,
-        stride=chosen.step,
-        calibration=calibration,
-        units=units,
-        named_frames=named,
-        attached=attached,
-        people=named_people,
-        told_apart=told_apart,
-    )
+        path=path, name=name, fps=fps, frame_count=len(chosen), calibrated=rig, cameras=sources, foreground=foreground,
+        subject=subject, body=body, truth=truth.take_file("file", path.parent, None),
+        truth_axes=truth.take("axes", str, "xyz"), truth_first_frame=truth.take("first_frame", int, 0), track=track,
+        fit=fit, first_frame=chosen.start, stride=chosen.step, calibration=calibration, units=units, named_frames=named,
+        attached=attached, people=named_people, told_apart=told_apart,
+    )  # fmt: skip
     truth.finish()
     return scene if tracked is None else scene.of_person(tracked)
 

@@ -103,18 +103,11 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
         path[each] = np.median(heads[frame == each], axis=0)
     rig, path = _scene_rig(scene, cameras, start, path)
     return SolvedCameras(
-        rig=rig,
-        focal=tuple("given" if not guessed else "guessed" if kept else "found" for kept in vague),
-        centre_sigma=sigma[0],
-        tilt_sigma=sigma[1],
-        focal_sigma=np.where(free, sigma[2], 0.0),
-        whole=person.whole.sum(axis=1),
-        frames=thinned.frames,
-        heads=path,
-        missed=float(np.median(missed)),
-        agreed=agreed,
-        scale=scale,
-    )
+        rig=rig, focal=tuple("given" if not guessed else "guessed" if kept else "found" for kept in vague),
+        centre_sigma=sigma[0], tilt_sigma=sigma[1], focal_sigma=np.where(free, sigma[2], 0.0),
+        whole=person.whole.sum(axis=1), frames=thinned.frames, heads=path, missed=float(np.median(missed)),
+        agreed=agreed, scale=scale,
+    )  # fmt: skip
 
 
 def upright(rig: CameraRig, scene: Scene) -> CameraRig:

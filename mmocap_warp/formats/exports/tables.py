@@ -204,16 +204,10 @@ def best_run_tracks(result: Result) -> Tracks:
     subject, pose = result.subject, result.pose[result.best_run]
     local, world = joint_transforms(subject, pose)
     return Tracks(
-        subject=subject,
-        rate=result.rate,
-        time=result.frame_numbers / result.fps,
-        number=result.frame_numbers,
-        pose=pose,
-        status=tuple(STATUS[status] for status in result.status[result.best_run]),
-        bind=bind_transforms(subject.body),
-        local=local,
-        world=world,
-    )
+        subject=subject, rate=result.rate, time=result.frame_numbers / result.fps, number=result.frame_numbers,
+        pose=pose, status=tuple(STATUS[status] for status in result.status[result.best_run]),
+        bind=bind_transforms(subject.body), local=local, world=world,
+    )  # fmt: skip
 
 
 def steady_angles(rotation: np.ndarray) -> np.ndarray:

@@ -76,18 +76,11 @@ def _read_character(
         parts.append(rigged_mesh.Skin(points, triangles, *_read_weights(mesh, number, len(points))))
     stated = (prim.GetAttribute(_ATTRIBUTION) for prim in stage.Traverse() if prim.HasAttribute(_ATTRIBUTION))
     mesh = rigged_mesh.RiggedMesh(
-        name=str(meshes[0].GetPrim().GetName()),
-        joints=names,
-        parent=tuple(parent),
-        bind=bind,
-        **rigged_mesh.joined_parts(parts)._asdict(),
-        up=up,
-        facing="+z" if up == "+y" else "-y",
-        metres=float(UsdGeom.GetStageMetersPerUnit(stage)),
-        axes=_read_axes(stage, names, bind),
-        motions=_read_motions(stage, skeleton),
-        attribution=next((str(attribute.Get()) for attribute in stated), ""),
-    )
+        name=str(meshes[0].GetPrim().GetName()), joints=names, parent=tuple(parent), bind=bind,
+        **rigged_mesh.joined_parts(parts)._asdict(), up=up, facing="+z" if up == "+y" else "-y",
+        metres=float(UsdGeom.GetStageMetersPerUnit(stage)), axes=_read_axes(stage, names, bind),
+        motions=_read_motions(stage, skeleton), attribution=next((str(attribute.Get()) for attribute in stated), ""),
+    )  # fmt: skip
     return rigged_mesh.reorder(mesh)
 
 

@@ -217,22 +217,12 @@ def body_from_prim(prim: Usd.Prim, source: object) -> model.BodyModel:
     sets, tables = (read.texts(f"mmocap:{name}", optional=True) for name in ("jointSetNames", "jointSets"))
     read.require(len(sets) == len(tables), "mmocap:jointSets has not one table for each of mmocap:jointSetNames")
     return model.BodyModel(
-        name=prim.GetName(),
-        skeleton=joints,
-        joint_rest=joint_rest,
-        skin=mesh,
-        tracking_vertex=tracking_vertex,
-        tracking_face=tracking_face,
-        shape_names=shape_names,
-        shape_vertex=shape_vertex,
-        shape_joint=shape_joint,
-        marker_names=marker_names,
-        marker_vertex=marker_vertex,
-        attribution=read.typed("mmocap:attribution", str),
-        rigid=read.typed("mmocap:rigid", bool, unsaid=False),
-        joint_sets=dict(zip(sets, tables, strict=True)),
+        name=prim.GetName(), skeleton=joints, joint_rest=joint_rest, skin=mesh, tracking_vertex=tracking_vertex,
+        tracking_face=tracking_face, shape_names=shape_names, shape_vertex=shape_vertex, shape_joint=shape_joint,
+        marker_names=marker_names, marker_vertex=marker_vertex, attribution=read.typed("mmocap:attribution", str),
+        rigid=read.typed("mmocap:rigid", bool, unsaid=False), joint_sets=dict(zip(sets, tables, strict=True)),
         motion_poses=np.concatenate([motion.some_poses(count) for motion in motions]) if motions else None,
-    )
+    )  # fmt: skip
 
 
 def _define_mesh(stage: Usd.Stage, path: str, mesh: model.SkinMesh, skeleton: UsdSkel.Skeleton) -> UsdGeom.Mesh:

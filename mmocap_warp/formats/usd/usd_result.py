@@ -105,16 +105,10 @@ def read_result(path: str | Path) -> Result:
     read.require(np.isfinite(arrays["pose"]).all(), "mmocap:pose is not finite")
     with input_errors(path, "{error}", _REMEDY, ValueError):
         return Result(
-            subject=subject,
-            cameras=cameras,
-            fps=stage.GetTimeCodesPerSecond(),
-            frame_numbers=frames,
-            status=_status(read, times, runs),
-            seconds=read.typed("mmocap:seconds", float),
-            config=read.json_object("mmocap:config"),
-            versions=read.json_object("mmocap:versions"),
-            **arrays,
-        )
+            subject=subject, cameras=cameras, fps=stage.GetTimeCodesPerSecond(), frame_numbers=frames,
+            status=_status(read, times, runs), seconds=read.typed("mmocap:seconds", float),
+            config=read.json_object("mmocap:config"), versions=read.json_object("mmocap:versions"), **arrays,
+        )  # fmt: skip
 
 
 def _status(read: usd_file.PrimReader, times: list[float], runs: int) -> np.ndarray:

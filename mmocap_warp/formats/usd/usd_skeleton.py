@@ -65,19 +65,12 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     parts, part = read.texts("mmocap:parts"), read.array("mmocap:part", (len(joints),), np.int64)
     with input_errors(read.source, f"{read.prim.GetPath()}: {{error}}", read.remedy, ValueError):
         skeleton = Skeleton(
-            joints=joints,
-            parent=tuple(numbers[parent] if parent else -1 for parent in above),
-            frame=bind[:, :3, :3].astype(np.float32),
-            limits=np.stack([lower, upper], -1),
-            spread=spread,
-            models=models,
-            parts=tuple(parts),
-            part=tuple(part.tolist()),
+            joints=joints, parent=tuple(numbers[parent] if parent else -1 for parent in above),
+            frame=bind[:, :3, :3].astype(np.float32), limits=np.stack([lower, upper], -1), spread=spread, models=models,
+            parts=tuple(parts), part=tuple(part.tolist()),
             pairs=tuple(zip(names, sides[::2], sides[1::2], strict=True)),
-            stands=read.typed("mmocap:stands", bool, unsaid=True),
-            sliding=sliding,
-            attached=attached,
-        )
+            stands=read.typed("mmocap:stands", bool, unsaid=True), sliding=sliding, attached=attached,
+        )  # fmt: skip
     return skeleton, bind[:, :3, 3].astype(np.float32)
 
 

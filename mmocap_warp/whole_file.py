@@ -31,6 +31,17 @@ def file_name(name: str, source: object) -> str:
     return name
 
 
+def walk(folder: str | Path) -> Iterator[tuple[str, list[str], list[str]]]:
+    """As ``os.walk``, through links too, which may lead back: each folder once."""
+    seen = set[str]()
+    for place, folders, files in os.walk(folder, followlinks=True):
+        if (real := os.path.realpath(place)) in seen:
+            folders.clear()
+            continue
+        seen.add(real)
+        yield place, folders, files
+
+
 def native_path(path: str | Path) -> str:
     """A path as OpenCV, USD and ezc3d take it, and TOML files name it: another may end the process in them.
 

@@ -6,7 +6,9 @@ They are read from the function's source, so that neither a help nor a list of c
 import ast
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
+import signal
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -101,6 +103,8 @@ def command(
             values["console"] = console = values["console"] or Console()
             if not _OF_OTHERS.isdisjoint(own):
                 start_sandbox()
+            with _undisturbed():
+                import_module(f"mmocap_warp.commands.{module}")
             if "loaded" in needed:
                 from mmocap_warp.commands.inputs import scene_from
 
@@ -125,6 +129,19 @@ def command(
         return run
 
     return decorate
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Let signals wait: OpenUSD swallows what they raise while it is imported, and goes on without a part of itself."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _signature(own: dict[str, Parameter], types: dict[str, Any], order: list[str]) -> inspect.Signature:

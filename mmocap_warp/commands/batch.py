@@ -46,7 +46,7 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.source import file_hash, recording_facts
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.version import __version__
-from mmocap_warp.whole_file import file_name, read_json, read_text, write_whole
+from mmocap_warp.whole_file import file_name, read_json, read_text, walk, write_whole
 
 STEPS = ("mask", "fit", "track", "eval", "view")
 """The steps, in their order; before view there may be ``export:ENDING``."""
@@ -90,7 +90,10 @@ class TrialTask(Task):
 
     def check(self) -> dict[str, Any]:
         """What was done; an InputError if that is damaged."""
-        return read_json(self.path, "run the batch again")
+        record = read_json(self.path, "run the batch again")
+        if "frames" in record and not (self.job.folder / "result.usdc").exists():
+            raise InputError(self.path, "is of a result that is gone", "run the batch again")
+        return record
 
     def store(self, result: dict[str, Any]) -> None:
         """See :class:`~mmocap_warp.jobs.job_run.Task`."""
@@ -264,7 +267,8 @@ def batch(
         threads = threads or max(1, available_threads() // workers)
     kind, start = engine_of(TrialWorker, engine, device, threads, address, workers, gpus)
     people, trials, failures = _planned(files, folder, chosen, rules, str(plan), kind)
-    folder.mkdir(parents=True, exist_ok=True)
+    with input_errors(folder, "cannot be made ({error})", "name another output folder", OSError):
+        folder.mkdir(parents=True, exist_ok=True)
     lock(folder)
     for pattern in [rule[0] for rule in rules if not any(fnmatch(name, rule[0]) for name in files)]:
         reporter.warn(f"{plan}: no scene matches '{pattern}'; the first is called '{next(iter(files))}'")
@@ -297,7 +301,8 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
     if not isinstance(scenes, str | Path):
         given = [Path(scene) for scene in scenes]
     elif source.is_dir():
-        given = [file for file in sorted(source.rglob("scene.toml")) if output.resolve() not in file.resolve().parents]
+        found = sorted(Path(place, "scene.toml") for place, _, files in walk(source.resolve()) if "scene.toml" in files)
+        given = [file for file in found if output.resolve() not in file.resolve().parents]
         # What lies within a scene's folder was made of it, such as its masks.
         around = {file.parent for file in given}
         given = [file for file in given if around.isdisjoint(file.parent.parents)]
@@ -308,7 +313,7 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
     if not files:
         raise InputError(source, "names no scene", "write a scene.toml for each recording, as 'mmocap init' does")
     with input_errors(source, "names no file ({error})", "name a scene in each line", ValueError):
-        folders = [file.resolve().parent for file in files]
+        folders = [file.parent if source.is_dir() else file.resolve().parent for file in files]  # links have own names
     root = commonpath([folder.parent for folder in folders] + [source.resolve()] * source.is_dir())
     named = {folder.relative_to(root).as_posix(): file for folder, file in zip(folders, files, strict=True)}
     if len(named) < len(files) or not all(map({*folders}.isdisjoint, (folder.parents for folder in folders))):
@@ -351,12 +356,13 @@ def _planned(
             known[name] = person, settings, found
 
     def task(place: str, name: str, scenes: list[str], settings: Settings, *steps: str, of: Any = None) -> TrialTask:
-        depends = [[known[scene][2] for scene in scenes], settings, steps, of and of.job.key, device_kind, __version__]
+        depends = [[known[scene][2] for scene in scenes], settings, of and of.job.key, device_kind, __version__]
         key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:20]
         where, body = folder / place / name, of and of.job.folder / "body.usdc"
         job = Trial(name, tuple(files[scene] for scene in scenes), where, key, settings, steps, body)
         named, after = (name, {"needs": of and of.name, "order": 1}) if steps else (f"the body of {name}", {})
-        return TrialTask(job, where / f"done.{key}.json", named, kind=place, **after)
+        done = hashlib.sha256(json.dumps(steps).encode()).hexdigest()[:8]  # other steps go on with what is there
+        return TrialTask(job, where / f"done.{key}.{done}.json", named, kind=place, **after)
 
     people: dict[str | None, TrialTask] = {}
     trials = []

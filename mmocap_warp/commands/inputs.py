@@ -206,7 +206,7 @@ def truth_of(scene: Scene | None) -> Truth | None:
 
 def keep_truth(output: Path | None, scene: Scene) -> None:
     """See that an output is not the truth of its scene, as an InputError says."""
-    if output is not None and scene.truth is not None and output.resolve() == scene.truth.resolve():
+    if output is not None and scene.truth is not None and os.path.realpath(output) == os.path.realpath(scene.truth):
         raise InputError(output, "is the truth that the scene names", "write elsewhere")
 
 

@@ -147,6 +147,9 @@ def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:
         if not (folder / "scene.toml").exists():
             for fault in mask(scene.path, folder, scale=mask_scale(scene), reporter=reporter).report.faults:
                 reporter.warn(f"{folder}: {fault}")
+        files = [file for source in scene.cameras if source.video for file in source.video.files]
+        if max((file.stat().st_mtime for file in files), default=0.0) > (folder / "scene.toml").stat().st_mtime:
+            reporter.warn(f"{folder}: is older than the recording; remove it to have masks made anew")
     elif scene.of_several:
         folder = _beside(scene, "apart")
         if _is_older(folder / "scene.toml", scene):

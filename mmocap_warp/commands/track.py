@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from mmocap_warp.commands import inputs
 from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
 from mmocap_warp.commands.mask import with_masks
 from mmocap_warp.commands.outputs import new_file, releases_locks
-from mmocap_warp.commands.track_pieces import checkpoints, spans_of, track_in_pieces
+from mmocap_warp.commands.track_pieces import spans_of, track_in_pieces
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
 from mmocap_warp.fitting.fit_config import FitConfig
@@ -242,20 +243,25 @@ def track(
     generic = inputs.body_from(body, loaded) if subject is None else subject.body
     _check_model(generic, loaded, chosen, given)
     named = subject or Subject(generic, np.eye(3), np.zeros(generic.skeleton.coordinates), {})
-    asked = {} if file is None else {"asked": asked_for(loaded, named, chosen)}
+    more = [each for each in (pieces > 1 and pieces, *([rigid, loaded.fit] if subject is None else ())) if each]
+    asked = {} if file is None else {"asked": asked_for(loaded, named, chosen, more)}
     if resume and file is not None and file.exists() and not (checkpoint and checkpoint.exists()):
         return _complete(file, asked["asked"], reporter)
+    goes_on = resume and checkpoint is not None and checkpoint.exists()
     if subject is None and resume and kept is not None and kept.exists():
-        subject = read_subject(kept)
-        generic = subject.body
+        known = read_subject(kept)
+        if known.provenance.get("fit.asked", asked["asked"]) == asked["asked"]:  # else it is fitted anew
+            subject, generic, goes_on = known, known.body, True
+        elif goes_on:
+            problem = f"is of a run whose subject, {kept.name}, was fitted to something else"
+            raise InputError(f"{file}.checkpoint", problem, "ask for what was asked for then, or give --force")
     refines = chosen.cameras == REFINE
     trusted = inputs.look_first(loaded, generic, reporter, trust_cameras, start=subject, to_be_mended=refines)
     if refines:
-        begun = resume and any(each is not None and each.exists() for each in (checkpoint, kept))
-        loaded, refined = _refined(loaded, subject, generic, chosen, file, resume, begun, reporter)
+        loaded, refined = _refined(loaded, subject, generic, chosen, file, goes_on, reporter)
         trusted |= refined
     if subject is None:
-        subject = _fitted(loaded, generic, chosen, given, rigid, kept, trusted, reporter)
+        subject = _fitted(loaded, generic, chosen, given, rigid, kept, trusted | asked, reporter)
     start, notes = subject_carrying(subject, loaded.attached)
     for note in notes:
         reporter.note(f"attach: {note}")
@@ -270,7 +276,7 @@ def track(
     tracked = replace(tracked, config=tracked.config | inputs.scene_reference(loaded, file) | trusted | asked)
     if file is not None and checkpoint is not None:
         write_result(file, tracked)
-        for each in checkpoints(checkpoint, pieces):
+        for each in file.parent.glob(f"{escape(checkpoint.name)}*"):  # of this run's pieces, and of another's
             each.unlink(missing_ok=True)
     return tracked
 
@@ -341,19 +347,18 @@ def _refined(
     body: BodyModel,
     config: TrackConfig,
     output: Path | None,
-    resume: bool,
     begun: bool,
     reporter: Reporter,
 ) -> tuple[Scene, dict[str, str]]:
     """The scene with cameras and times that are refined where that is significantly better, and what a result says.
 
-    The calibration is kept beside the result. A run that is resumed reads it; one that had ``begun`` without has none.
+    The calibration is kept beside the result. A run that had ``begun`` reads it, or has none.
     """
     from mmocap_warp.commands.calibrate import refine_scene
 
     kept = None if output is None else output.with_name(f"{output.stem}.calibration.toml")
     rig, offsets = scene.calibrated, dict[str, float]()
-    if not begun and not (resume and kept is not None and kept.exists()):
+    if not begun:
         adjust = AdjustConfig(seed=config.seed, device=config.device, threads=config.threads, subject=subject)
         found = refine_scene(scene, body, adjust, kept, reporter)
         if found.better:

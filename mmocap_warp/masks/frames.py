@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.whole_file import native_path, read_bytes
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pbm", ".pgm")
@@ -112,7 +112,8 @@ def open_frames(path: Path) -> Frames:
     """A folder of images or a video."""
     if not os.path.isdir(path):
         return open_video(path)
-    by_name = {file.name: file for file in path.iterdir()}
+    with input_errors(path, "cannot be read ({error})", "check its permissions", OSError):
+        by_name = {file.name: file for file in path.iterdir()}
     files = tuple(by_name[name] for name in images_in_order(list(by_name), path))
     height, width = read_image(files[0]).shape[:2]
     return ImageFolder(path, files, (width, height))

@@ -17,6 +17,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import read_short_text
 from mmocap_warp.formats.humaneva.humaneva_files import read_cal
 from mmocap_warp.formats.table import CALIBRATIONS, Format, read_calibration
+from mmocap_warp.whole_file import walk
 
 Kind = Literal["recording", "masks", "background", "clean_plate"]
 Take = dict[str, Path]  # one video or folder a camera, by the camera's name
@@ -52,12 +53,7 @@ class Medium:
 def find_media(folder: Path) -> list[Medium]:
     """All videos and folders of images below a folder, and pictures of a background, in the order of their names."""
     media: list[Medium] = []
-    seen = set[str]()  # links may lead anywhere, and back
-    for place, folders, files in os.walk(folder, followlinks=True):
-        if (real := os.path.realpath(place)) in seen:
-            folders.clear()
-            continue
-        seen.add(real)
+    for place, folders, files in walk(folder):
         here, files = Path(place), [name for name in files if not name.startswith(".")]
         below = here.relative_to(folder).parts
         folders[:] = sorted(name for name in folders if len(below) < _MAX_DEPTH and not _IGNORED.fullmatch(name))

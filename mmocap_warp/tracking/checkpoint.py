@@ -26,7 +26,7 @@ from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import TrackState
 from mmocap_warp.version import __version__
-from mmocap_warp.whole_file import content_hash, read_bytes
+from mmocap_warp.whole_file import content_hash, read_bytes, write_whole
 
 Identity = dict[str, Any]  # what a run depends on, by names for people: hashes, and settings as JSON-compatible values
 Memory = Mapping[str, np.ndarray]  # arrays by name that the next frame depends on besides; see ``TrackState.memory``
@@ -71,9 +71,9 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
     }
 
 
-def asked_for(scene: Scene, subject: Subject, config: TrackConfig) -> str:
+def asked_for(scene: Scene, subject: Subject, config: TrackConfig, more: list[Any]) -> str:
     """A hash of all that a run is asked for, by whatever version of the program, and wherever it is done."""
-    identity = run_identity(scene, subject, config)
+    identity = run_identity(scene, subject, config) | ({"more": repr(more)} if more else {})
     return _digest({name: value for name, value in identity.items() if name not in (*_CODE, "device")})
 
 
@@ -204,9 +204,7 @@ class Checkpoint:
                     file.seek(len(self._header) + self._turn * len(place))
                     file.write(place)
             else:
-                temporary = self._path.with_name(self._path.name + ".part")
-                temporary.write_bytes(self._header + place * self._memories + new)
-                os.replace(temporary, self._path)
+                write_whole(self._path, self._header + place * self._memories + new)
         self._turn, self._saved = 1 - self._turn, frames
         self._due = time.monotonic() + _INTERVAL
 

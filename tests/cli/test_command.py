@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import signal
 from inspect import Parameter
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mmocap_warp.cli.command import BY_FLAG, Answer, Given, command
+from mmocap_warp.cli.command import BY_FLAG, Answer, Given, _undisturbed, command
 from mmocap_warp.cli.console import CHECK_FAILED, Console
 from mmocap_warp.cli.scene_commands import _mask_step
 from mmocap_warp.commands import new_scenes
@@ -87,3 +88,18 @@ def test_the_next_command_scales_large_images(size, track, options):
     calibrated = SimpleNamespace(size=np.array([[480, 640], size]))
     step = _mask_step(SimpleNamespace(calibrated=calibrated, track=track, path=Path("scene.toml")))
     assert step == f"mmocap mask scene.toml -o masks{options}"
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="Windows has no masks of signals")
+def test_a_signal_waits_until_all_is_imported():
+    done = []
+
+    def imported():
+        with _undisturbed():
+            signal.raise_signal(signal.SIGINT)
+            done.append("imported")
+        done.append("begun")
+
+    with pytest.raises(KeyboardInterrupt):
+        imported()
+    assert done == ["imported"]

@@ -162,6 +162,27 @@ def test_what_has_not_changed_is_not_done_again(whole, made, here, tmp_path):
     assert mm.load_result(output / "trials" / "b" / "result.usdc").config["evaluations"] == 31
 
 
+def test_other_steps_go_on_with_what_is_there(whole, made, here, tmp_path):
+    output = Path(shutil.copytree(whole[0], tmp_path / "out"))
+    results = sorted(output.glob("trials/**/result.usdc"))
+    before = [result.stat().st_mtime_ns for result in results]
+    scenes, plan = [made / name for name in ("a/one", "a/two", "b")], made / "plan.toml"
+    added = mm.batch(scenes, output, steps=f"{STEPS},export:csv", plan=plan)
+    assert (added.status.finished, added.failures) == (3, {})
+    assert [result.stat().st_mtime_ns for result in results] == before
+    assert all(result.with_suffix(".csv").exists() for result in results)
+    results[0].unlink()
+    with pytest.warns(UserWarning, match="is of a result that is gone"):
+        again = mm.batch(scenes, output, steps=STEPS, plan=plan)
+    assert (again.status.reused, again.status.finished) == (2, 1)
+    assert results[0].exists()
+
+
+def test_scenes_in_folders_that_are_links_are_done(made, tmp_path):
+    (tmp_path / "linked").symlink_to(made / "b")
+    assert list(module._scene_files(tmp_path, tmp_path / "out")) == ["linked"]
+
+
 @pytest.mark.parametrize(
     ("fitted", "size"),  # a fit's body is so many times as large, and costs so much
     [

@@ -17,6 +17,7 @@ from mmocap_warp.calibration.refine.refinement import Overlaps, Refinement
 from mmocap_warp.commands import track
 from mmocap_warp.commands.inputs import track_settings
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.scenes import ROOT
 
 SETTINGS = {"algorithm": "contour", "scale": 0.5, "device": "cpu", "threads": 1}
@@ -80,6 +81,49 @@ def test_refined_cameras_are_tracked_with_kept_and_read_again(tmp_path, monkeypa
     assert len(asked) == 2
     with pytest.raises(InputError, match=r"differs in its .*cameras"):
         mm.track(scene, subject, output=tmp_path / "r.usdc", resume=True, **SETTINGS)
+
+
+def test_refined_cameras_of_a_run_that_is_gone_are_refined_anew(tmp_path, monkeypatch):
+    scene, subject = walk_and_subject()
+    asked = refining(monkeypatch, scene, 0.05)
+    for _ in range(2):
+        mm.track(scene, subject, output=tmp_path / "r.usdc", resume=True, **SETTINGS, cameras="refine")
+        (tmp_path / "r.usdc").unlink()
+    assert len(asked) == 2
+
+
+def test_a_subject_that_was_fitted_to_something_else_is_not_taken(tmp_path, monkeypatch):
+    scene, subject = walk_and_subject()
+    fitted = []
+
+    def fit_subject(scene, body, config, output, reporter, trusted):
+        fitted.append(body.name)
+        write_subject(output, replace(subject, provenance={f"fit.{key}": of for key, of in trusted.items()}))
+
+    monkeypatch.setattr(track, "fit_subject", fit_subject)
+    asked = {"output": tmp_path / "r.usdc", "resume": True, **SETTINGS}
+    for body in ("adult_man", "adult_man", "adult_woman"):
+        mm.track(scene, body=body, **asked)
+        (tmp_path / "r.usdc").unlink()
+    assert fitted == ["adult_man", "adult_woman"]
+    mm.track(scene, body="adult_woman", **asked)
+    with pytest.raises(InputError, match=r"r\.usdc: is of other frames"):
+        mm.track(scene, body="adult_woman", rigid=True, **asked)
+    # A run that was interrupted goes on with its own subject alone.
+    (tmp_path / "r.usdc").unlink()
+    monkeypatch.setattr(track, "write_result", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        mm.track(scene, body="adult_woman", **asked)
+    with pytest.raises(InputError, match=r"checkpoint: is of a run whose subject, r\.subject\.usdc, was fitted to"):
+        mm.track(scene, body="adult_man", **asked)
+
+
+def test_checkpoints_of_other_pieces_are_removed(tmp_path):
+    scene, subject = walk_and_subject()
+    left = tmp_path / "r.usdc.checkpoint.1"
+    left.touch()
+    mm.track(scene, subject, output=tmp_path / "r.usdc", **SETTINGS)
+    assert not left.exists()
 
 
 def interrupted(*_: object) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 import sys
@@ -188,6 +189,9 @@ def test_a_track_makes_the_masks_first_and_once(scene: Path, monkeypatch: pytest
         made = mask_command.with_masks(asked, mm.Reporter(), mm.TrackConfig())
         assert (made.path, made.frames) == (scene / "masks" / "scene.toml", asked.frames)
     assert len(starts(scene)) == 3
+    os.utime(scene / "masks" / "scene.toml", (0, 0))  # the videos are others now
+    with pytest.warns(UserWarning, match="masks: is older than the recording; remove it"):
+        mask_command.with_masks(asked, mm.Reporter(), mm.TrackConfig())
 
 
 def test_unfinished_masks_of_another_scale_are_refused(scene: Path) -> None:

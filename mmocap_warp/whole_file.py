@@ -39,6 +39,7 @@ def walk(folder: str | Path) -> Iterator[tuple[str, list[str], list[str]]]:
             folders.clear()
             continue
         seen.add(real)
+        folders.sort(key=lambda name: os.path.islink(os.path.join(place, name)))  # by their own names first
         yield place, folders, files
 
 

@@ -356,7 +356,8 @@ def _planned(
             known[name] = person, settings, found
 
     def task(place: str, name: str, scenes: list[str], settings: Settings, *steps: str, of: Any = None) -> TrialTask:
-        depends = [[known[scene][2] for scene in scenes], settings, of and of.job.key, device_kind, __version__]
+        content, theirs = [known[scene][2] for scene in scenes], of and of.job.key
+        depends = [content, settings, "mask" in steps, theirs, device_kind, __version__]
         key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:20]
         where, body = folder / place / name, of and of.job.folder / "body.usdc"
         job = Trial(name, tuple(files[scene] for scene in scenes), where, key, settings, steps, body)

@@ -103,7 +103,7 @@ def result_from(result: Result | str | Path) -> tuple[Result, Path | None]:
     if not isinstance(result, str | Path):
         raise TypeError(f"result must be a Result or the path of one, not a {type(result).__name__}")
     if Path(f"{result}.frames").exists():
-        remedy = "end it, or start mmocap live with the same --record, which keeps its frames"
+        remedy = "end it, or start mmocap live with the same --record, which makes a result of its frames and stops"
         raise InputError(result, "is of a live session that goes on or was killed", remedy)
     from mmocap_warp.formats.usd.usd_result import read_result  # OpenUSD takes a quarter of a second
 

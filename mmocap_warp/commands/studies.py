@@ -22,6 +22,7 @@ from mmocap_warp.study.report_build import clips_of, write_report
 from mmocap_warp.study.report_setting import mixture
 from mmocap_warp.study.store import CellTask, keep_earlier_cells, open_folder, plan_tasks, read_results
 from mmocap_warp.study.summary import StudySummary, seconds_alone, summarise, with_typical_pose
+from mmocap_warp.whole_file import file_name
 
 SUMMARY = {name: f"{name}_mm" for name in ("mpjpe", "eq20_as_printed", "marker_error", "iou", "shake", "growth")}
 SUMMARY |= {"iou": "iou", "growth": "growth"}
@@ -93,7 +94,7 @@ def run_study(
     start_warp()
     kind, start = engine_of(Worker, engine, device, threads, address, workers, gpus)
     # A study that is wrong leaves no folder.
-    folder = Path(output or loaded.name)
+    folder = Path(output or file_name(loaded.name, "[study] name"))
     tasks = plan_tasks(loaded, folder, kind)
     open_folder(folder)
     lock(folder)

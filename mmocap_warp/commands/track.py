@@ -247,13 +247,14 @@ def track(
     asked = {} if file is None else {"asked": asked_for(loaded, named, chosen, more)}
     if resume and file is not None and file.exists() and not (checkpoint and checkpoint.exists()):
         return _complete(file, asked["asked"], reporter)
+    fitted_for = f"{chosen.cameras} {asked.get('asked')}"
     goes_on = resume and checkpoint is not None and checkpoint.exists()
     if subject is None and resume and kept is not None and kept.exists():
         known = read_subject(kept)
-        if known.provenance.get("fit.asked", asked["asked"]) == asked["asked"]:  # else it is fitted anew
+        if known.provenance.get("fit.asked", fitted_for) == fitted_for:  # else it is fitted anew
             subject, generic, goes_on = known, known.body, True
         elif goes_on:
-            problem = f"is of a run whose subject, {kept.name}, was fitted to something else"
+            problem = "is of a run of other frames, settings, cameras or masks, or of another body"
             raise InputError(f"{file}.checkpoint", problem, "ask for what was asked for then, or give --force")
     refines = chosen.cameras == REFINE
     trusted = inputs.look_first(loaded, generic, reporter, trust_cameras, start=subject, to_be_mended=refines)
@@ -261,7 +262,7 @@ def track(
         loaded, refined = _refined(loaded, subject, generic, chosen, file, goes_on, reporter)
         trusted |= refined
     if subject is None:
-        subject = _fitted(loaded, generic, chosen, given, rigid, kept, trusted | asked, reporter)
+        subject = _fitted(loaded, generic, chosen, given, rigid, kept, trusted | {"asked": fitted_for}, reporter)
     start, notes = subject_carrying(subject, loaded.attached)
     for note in notes:
         reporter.note(f"attach: {note}")

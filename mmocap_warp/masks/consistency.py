@@ -43,7 +43,7 @@ class Consistency:
         """Count what was changed in another person's views after this one's."""
         for own, others in ((self.filled, other.filled), (self.cut, other.cut)):
             own[:] = [before + after for before, after in zip(own, others, strict=True)]
-        self.untouched += other.untouched
+        self.untouched = max(self.untouched, other.untouched)
 
     def _consistent(self, masks: list[np.ndarray]) -> list[np.ndarray]:
         seen = [k for k, mask in enumerate(masks) if mask.any()]

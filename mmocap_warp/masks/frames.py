@@ -76,7 +76,7 @@ class VideoFile:
                 begun = begun if frame else seconds
                 late = (seconds - begun) * self.fps - frame
                 if seconds > 0 and self.fps > 0 and abs(late) > _MOST_LATE:
-                    problem = f"frame {frame} comes {late:+.1f} frames late: its rate varies"
+                    problem = f"its rate varies: frame {frame} is {abs(late):.1f} frames off its time"
                     remedy = f"encode it evenly: ffmpeg -i OLD -fps_mode cfr -r {self.fps:g} NEW.mp4"
                     raise InputError(self.path, problem, remedy)
                 if image is None:
@@ -201,7 +201,8 @@ def images_in_order(names: list[str], source: Path) -> list[str]:
     images = sorted((name for name in of_images if not split[name][0].startswith(".")), key=natural_order)
     if not images:
         raise InputError(source, "holds no images", f"put one image per frame there ({', '.join(IMAGE_SUFFIXES)})")
-    if wrong := wrong_numbers([split[name][0] for name in images]):
+    stems = [split[name][0] for name in images]
+    if stems[0].isdecimal() and (wrong := wrong_numbers(stems)):
         raise InputError(source, wrong, "number each image once, without a gap")
     return images
 

@@ -128,8 +128,8 @@ def _read_frames(content: Any) -> list[dict[int, Any]]:
                     frame[_check_identity(one["id"])] = _check_rle(rle)
         return frames
     images = sorted(content["images"], key=lambda image: (natural_order(str(image.get("file_name", ""))), image["id"]))
-    names = [str(image.get("file_name", "")) for image in images]
-    if wrong := wrong_numbers([os.path.splitext(os.path.basename(name))[0] for name in names]):
+    stems = [os.path.splitext(str(image.get("file_name", "")))[0] for image in images]
+    if (wrong := wrong_numbers(stems)) and not stems[0].isdecimal():
         raise ValueError(f"{wrong}: list each image once, without a gap")
     by_image: dict[Any, dict[int, Any]] = {image["id"]: {} for image in images}
     for one in annotations:

@@ -14,7 +14,7 @@ from mmocap_warp.cameras.rig import CameraRig, check_rig
 from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.formats.table import read_calibration, read_lenses
 from mmocap_warp.formats.toml_table import Table, is_number
-from mmocap_warp.masks.frames import VideoFile, open_frames, open_image
+from mmocap_warp.masks.frames import VideoFile, open_frames, open_image, wrong_numbers
 from mmocap_warp.masks.mask_files import open_masks
 from mmocap_warp.scene.camera_source import CameraSource, split_offset
 from mmocap_warp.scene.kept_masks import read_mark
@@ -123,13 +123,19 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
         if not isinstance(masks, VideoFile):
             raise table.error("mask_channel is for masks that are a video", "leave it out")
         masks = replace(masks, channel=_CHANNELS.index(channel))
+    video, is_stated = opened("video", open_frames), table.has("fps")
     own_fps = table.take("fps", float, fps)
     if not 0 < own_fps < 100_000:
         raise table.error(f"fps = {own_fps:g} is not a frame rate", "give the frames per second of this camera")
     rate = own_fps / fps
+    if isinstance(video, VideoFile) and is_stated and rate == 1.0:
+        video = replace(video, fps=0.0)  # what the file says of times does not count
+    for frames in (each for each in (video, masks) if each):
+        if wrong := wrong_numbers([file.stem for file in frames.files]):
+            raise InputError(frames.path, wrong, "number each image once, without a gap")
     offset, fraction = _take_offset(table, fps * rate)
     source = CameraSource(
-        name=name, video=opened("video", open_frames), masks=masks, clean_plate=opened("clean_plate", open_image),
+        name=name, video=video, masks=masks, clean_plate=opened("clean_plate", open_image),
         background=opened("background", open_frames), frame_offset=offset, fraction=fraction,
         recorded_scale=recorded.take("scale", float, 1.0), recorded_offset=(left, top), rate=rate,
         centre_shift=(right, down), mask_mark=read_mark(masks.path) if masks else None,

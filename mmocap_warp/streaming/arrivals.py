@@ -185,12 +185,14 @@ def _growing(scenes: Sequence[Scene], scale: float, folder: Path) -> Arrivals:
     def last_of(folder: Path) -> str:
         return max((name for name in os.listdir(folder) if Path(name).stem.isdecimal()), key=natural_order, default="")
 
-    patience = time.monotonic() + _SILENCE  # an image may have another name while it is written
+    def is_done(file: Path) -> bool:  # it may have another name while it is written
+        return file.suffix.lower() in IMAGE_SUFFIXES and file.exists() and time.time() - file.stat().st_mtime > _SILENCE
+
     while not all(names := [last_of(each) for each in folders]):
-        if time.monotonic() > patience:
-            files_of = (each / name for each in folders for name in os.listdir(each) if not last_of(each))
-            if other := next((file for file in files_of if file.suffix.lower() in IMAGE_SUFFIXES), None):
-                raise InputError(other, "has a name that is no number", "name images 0001.png and so on")
+        without = (each for each, last in zip(folders, names, strict=True) if not last)
+        others = (each / name for each in without for name in os.listdir(each))
+        if other := next(filter(is_done, others), None):
+            raise InputError(other, "has a name that is no number", "name images 0001.png and so on")
         time.sleep(_POLL)
     ends = [each / name for each, name in zip(folders, names, strict=True)]
     number = max(int(end.stem) for end in ends)
@@ -204,7 +206,7 @@ def _growing(scenes: Sequence[Scene], scale: float, folder: Path) -> Arrivals:
         while not (all(files(number)) or any(files(number + 1))):
             time.sleep(_POLL)
             waited += _POLL
-            if waited > _STALE / scenes[0].fps:  # numbers may have been left out
+            if waited > _STALE / scenes[0].fps and int(waited / _POLL) % 10 == 0:  # numbers may have been left out
                 number = next((after for after in range(number, number + _LEFT_OUT) if any(files(after))), number)
             if waited > _SILENCE:
                 number, waited = max(number, *(int(Path(last_of(each)).stem or 0) for each in folders)), 0.0

@@ -21,6 +21,8 @@ from mmocap_warp.tracking.tracker import lost_frame
 
 _KINDS = {"pose": "<f8", "raw_pose": "<f8", "iou": "<f8", "status": "<i1"}  # of a frame in the file
 
+Whose = dict[str, Any]  # entries of a result's config that name its scene and person
+
 
 class GrowingResult:
     """Keeps the smoothed frames, as a sender does; when it is closed, the result is whole.
@@ -29,14 +31,7 @@ class GrowingResult:
     """
 
     def __init__(
-        self,
-        path: Path,
-        subject: Subject,
-        rig: CameraRig,
-        fps: float,
-        config: TrackConfig,
-        frames: range,
-        whose: dict[str, Any],
+        self, path: Path, subject: Subject, rig: CameraRig, fps: float, config: TrackConfig, frames: range, whose: Whose
     ) -> None:
         start, self._frames = lost_frame(subject.pose[None], len(rig)), frames
         begun = collect(subject, rig, fps, config, [start], frames[:1])  # all that is known before a frame comes

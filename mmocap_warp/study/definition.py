@@ -50,7 +50,6 @@ def load_study(path: str | Path) -> Study:
     table = file.take_table("study")
     common = {key: _whole(table, key, *of) for key, of in _WHOLE.items()} | {"scale": table.take("scale", float, 1.0)}
     name = table.take("name", str, path.stem)
-    file_name(name, f"{path}: [study] name")
     table.finish()
     table = file.take_table("sequences")  # the user's own: scene file by name
     scenes = {}
@@ -91,8 +90,7 @@ def _grid(grid: Table, number: int, common: dict[str, Any], scenes: dict[str, Pa
     for sequence, preset, evaluations, dof, algorithm in product(*axes):
         name, *extras = algorithm.split("+")
         if extras != [extra for extra in _EXTRAS if extra in extras]:
-            problem = f"algorithm '{algorithm}' has another + than {list(_EXTRAS)}, each once and in this order"
-            raise grid.error(problem, "correct that value")
+            raise grid.error(f"algorithm '{algorithm}' has another + than {list(_EXTRAS)}, in this order", "correct it")
         values = {"dof": dof, "evaluations": evaluations, "seed": seed, "runs": seeds, "preset": preset, "scale": scale}
         try:
             config = TrackConfig(algorithm=name, polish="polish" in extras, **values)

@@ -85,14 +85,14 @@ def mixture(study: StudySummary) -> str:
     """A warning, if results of the same kind of work come from different code, or clips differ; else nothing."""
     clips = {(cell.cell.sequence, clip) for cell in study.cells.values() if (clip := cell.meta.get("clip"))}
     several = sorted(name for name, number in Counter(name for name, _ in clips).items() if number > 1)
-    if several:
-        return f"Results of different frames, images or truth of {', '.join(several)} are mixed: report them apart."
+    clips_mixed = f"Results of different frames, images or truth of {', '.join(several)} are mixed."
     kinds: dict[str, set[str]] = {}
     for cell in study.cells.values():
         kinds.setdefault(str(cell.meta.get("code_covers")), set()).add(_code(cell))
     mixed = f"Results of different code are mixed: {_values(study, _code)}; "
     mixed += "run the study again, which tracks what the present code has not, unless that was accepted."
-    return mixed if any(len(codes) > 1 for codes in kinds.values()) else ""
+    code_is_mixed = any(len(codes) > 1 for codes in kinds.values())
+    return " ".join(text for text, holds in ((clips_mixed, several), (mixed, code_is_mixed)) if holds)
 
 
 def budget_section(study: StudySummary) -> Section:

@@ -178,6 +178,15 @@ def test_other_steps_go_on_with_what_is_there(whole, made, here, tmp_path):
     assert results[0].exists()
 
 
+def test_masks_that_a_step_makes_are_another_recording(made, tmp_path):
+    files = {"b": made / "b" / "scene.toml"}
+    keys = []
+    for steps in (("track",), ("track", "eval"), ("mask", "track"), ("mask", "track", "eval")):
+        _, (task,), _ = module._planned(files, tmp_path, steps, [], "the plan", "cpu")
+        keys.append(task.job.key)
+    assert keys[0] == keys[1] != keys[2] == keys[3]
+
+
 def test_scenes_in_folders_that_are_links_are_done(made, tmp_path):
     (tmp_path / "linked").symlink_to(made / "b")
     assert list(module._scene_files(tmp_path, tmp_path / "out")) == ["linked"]

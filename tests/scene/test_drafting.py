@@ -20,6 +20,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.usd_camera import write_usd_cameras
 from mmocap_warp.scene.drafting import draft_scene
+from mmocap_warp.scene.folder_search import Medium, takes
 from mmocap_warp.scene.scene_toml import load_scene
 
 __all__ = ["ball_scene"]
@@ -110,6 +111,10 @@ def test_an_easymocap_project(videos: Path, project: Path, images: bool) -> None
     draft = draft_scene(project)
     assert draft.project == "EasyMocap"
     assert 'masks = "mask-schp/cam01"' in draft.text
+    (project / "stills").mkdir()
+    for number in (1, 2, 3, 5):  # of which some were deleted
+        cv2.imwrite(str(project / "stills" / f"IMG_{number:04d}.jpg"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    assert draft_scene(project).cameras == draft.cameras
 
 
 def test_a_number_that_is_a_cameras_name_may_be_in_a_folders_name(videos: Path, project: Path) -> None:
@@ -124,6 +129,11 @@ def test_a_running_number_beside_each_cameras_name_is_no_take(videos: Path, proj
     names = {name: f"{k}_{serial}" for k, (name, serial) in enumerate(zip(RIG.names, serials, strict=True), 1)}
     lay_out(videos, project, "Walk01_Miqus_{}.mkv", **names)
     assert sources(project) == {s: f"Walk01_Miqus_{k}_{s}.mkv" for k, s in enumerate(serials, 1)}
+
+
+def test_cameras_of_two_takes_are_not_joined() -> None:
+    media = [Medium(Path(f"take{k}/cam{k}.mp4"), (f"take{k}", f"cam{k}"), "recording") for k in (1, 2)]
+    assert [len(take) for take in takes(media, "recording", ("cam1", "cam2")).values()] == [1, 1]
 
 
 def test_folders_that_are_links_are_looked_through(videos: Path, project: Path) -> None:

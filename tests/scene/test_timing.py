@@ -57,6 +57,12 @@ def test_without_a_rate_the_fastest_camera_is_the_clock(folder: Path) -> None:
     assert scene.cameras[2].rate == 0.5
 
 
+def test_what_a_file_says_of_times_does_not_count_where_the_scene_does(folder: Path) -> None:
+    stated = load_scene(folder).cameras[2].video
+    edit(folder, MASKS, f"{MASKS}\nfps = 30")
+    assert (stated.fps, load_scene(folder).cameras[2].video.fps) == (30, 0)
+
+
 def test_a_rate_that_nobody_tells_is_asked_for(folder: Path) -> None:
     file = folder / "scene.toml"
     lines = file.read_text().splitlines()

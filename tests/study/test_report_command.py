@@ -148,7 +148,7 @@ def test_results_of_different_frames_are_not_mixed_without_a_word():
     same = [replace(each, meta=each.meta | {"clip": each.cell.sequence}) for each in results[1:]]
     assert mixture(StudySummary.of([results[0], *same])) == ""  # older results do not say
     other = replace(results[0], meta=results[0].meta | {"clip": "shorter"})
-    warning = f"Results of different frames, images or truth of {other.cell.sequence} are mixed: report them apart."
+    warning = f"Results of different frames, images or truth of {other.cell.sequence} are mixed."
     assert mixture(StudySummary.of([other, *same])) == warning
 
 

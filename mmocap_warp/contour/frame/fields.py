@@ -32,7 +32,7 @@ class DistanceFields:
 
     A pixel's centre is half a pixel from the contour that runs between it and a neighbour on the other side. Distances
     are slightly smoothed, and cut off a few pixels from a contour; see :mod:`mmocap_warp.kernels.contour.distance`. The
-    candidates are judged at a time, each against the frame in ``frame``.
+    candidates are judged at a time, each against a frame of its own.
     """
 
     def __init__(self, rig: CameraRig, frames: int, candidates: int, device: str) -> None:

@@ -62,7 +62,7 @@ class ContourFitter:
         limits: (coordinate, 2) lowest and highest value of every coordinate; infinite where free.
         candidates: poses at a time.
         frames: places for frames' masks.
-        like: another fitter whose places and masks are taken instead, and which has as many ``candidates`` at least.
+        like: another fitter whose places and masks are taken instead.
         parameters: of the rest body, at most; see :meth:`reshape`.
         lens: whether :meth:`linearise_views` has columns for a view's lens and the size of its masks.
         matching: settings.

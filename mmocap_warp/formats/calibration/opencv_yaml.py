@@ -102,7 +102,7 @@ class _File:
         stated = number_of(entry.get("rows")) * number_of(entry.get("cols"))
         if not isinstance(data, list) or len(data) not in count or len(data) != stated or kind not in _DTYPES:
             length = " or ".join(map(str, count))
-            raise InputError(self.path, f"{key} is not a matrix of {length} numbers", f"give {key} so many")
+            raise InputError(self.path, f"{key} is not a matrix of {length} numbers", f"write {length} numbers")
         values = [number_of(value) for value in data]
         if not np.isfinite(values).all():
             raise InputError(self.path, f"{key} holds a value that is not finite", "calibrate again or export again")

@@ -130,8 +130,9 @@ class Contours:
             triangle=poisoned(n * len(self.rig) * triangle, wp.float32, device),
             tally=poisoned((n, len(self.rig)), wp.vec4, device),
         )
-        self.fields = DistanceFields(self.rig, 1, n, device)
-        self.moving = moving_skin(self.late, self.fields.struct.frame, n, vertices, device)
+        self.fields = DistanceFields(self.rig, 1, device)
+        self.place = wp.zeros(n, dtype=wp.int32, device=device)
+        self.moving = moving_skin(self.late, self.place, n, vertices, device)
         self.views = make_views(self.rig, device)
 
     @property
@@ -161,7 +162,7 @@ class Contours:
         self.found()
         self.fields.observe([Observation.from_masks(masks)])
         matching = filled(Matching, **self.matching)
-        find_residuals(self.outline, self.fields.struct, self.views, matching, self.batch, self.residuals)
+        find_residuals(self.outline, self.fields.judging(self.place), self.views, matching, self.batch, self.residuals)
         return self
 
     def summed(self, masks: list[np.ndarray]) -> Contours:

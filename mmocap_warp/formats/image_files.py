@@ -11,7 +11,7 @@ from typing import Self
 import cv2
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.whole_file import native_path, whole_file, write_whole
 
 _WEBP_QUALITY = 50  # of 100
@@ -23,6 +23,16 @@ _MASK_SETTINGS += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 def write_png(path: str | Path, image: np.ndarray) -> None:
     """Write what :func:`encode_png` makes of an image, whole or not at all."""
     write_whole(Path(path), encode_png(image))
+
+
+def make_image_folders(whole: Path, folders: Iterable[Path], digits: int) -> None:
+    """Make folders within one for PNGs whose numbers have so many digits or more, and remove those of earlier runs."""
+    with input_errors(whole, "cannot be written to ({error})", "choose another folder", OSError):
+        for folder in folders:
+            folder.mkdir(parents=True, exist_ok=True)
+            for earlier in folder.glob("[0-9]" * digits + "*.png"):
+                if earlier.stem.isdecimal():
+                    earlier.unlink()
 
 
 def encode_png(image: np.ndarray) -> bytes:

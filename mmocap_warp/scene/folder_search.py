@@ -22,7 +22,6 @@ from mmocap_warp.whole_file import walk
 Kind = Literal["recording", "masks", "background", "clean_plate"]
 Take = dict[str, Path]  # one video or folder a camera, by the camera's name
 
-_NUMBERS = "[0-9]+(?=[^/]*$)"  # in the last part of a place
 _VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv")
 _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_DEPTH = 6  # of folders within each other
@@ -97,11 +96,12 @@ def takes(media: list[Medium], kind: Kind, cameras: tuple[str, ...]) -> dict[str
     # A number may stand beside each camera's name, as in Walk01_Miqus_1_21001: then no two are of one camera.
     joined: dict[str, Take] = {}
     for place, take in candidates.items():
-        joined.setdefault(re.sub(_NUMBERS, "*", place) if likeness[place] > 1 else place, {}).update(take)
+        under = re.sub("[0-9]+(?=[^/]*$)", "*", place) if likeness[place] > 1 else place
+        joined.setdefault(under, {}).update(take)
+        likeness.setdefault(under, likeness[place])
     are_single = all(len(take) == 1 for take in candidates.values())
     if are_single and len(joined) < len(candidates) == sum(map(len, joined.values())):
         candidates = joined
-        likeness |= {re.sub(_NUMBERS, "*", place): like for place, like in likeness.items()}
     # Of the takes of most cameras, those of videos come first, then those whose names are most like the cameras'.
     most = max(map(len, candidates.values()), default=0)
     whole = sorted(place for place, take in candidates.items() if len(take) == most)

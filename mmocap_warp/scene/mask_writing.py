@@ -8,10 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mmocap_warp.errors import input_errors
 from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.image_files import WebmFile, write_png
+from mmocap_warp.formats.image_files import WebmFile, make_image_folders, write_png
 from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
 from mmocap_warp.masks.people import UNDECIDED
 from mmocap_warp.scene.camera_source import CameraSource
@@ -56,11 +55,7 @@ def write_masks(
     folder, rig = Path(folder), scene.rig(scale)
     folders = [folder / file_name(name, scene.path) for name in rig.names]
     about = masked_scene(scene, folder, scale).encode()  # refuses names that it cannot hold, before any work
-    with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
-        for each in folders:
-            each.mkdir(parents=True, exist_ok=True)
-            for earlier in each.glob("[0-9]" * 6 + ".png"):  # which may be of other frames
-                earlier.unlink()
+    make_image_folders(folder, folders, digits=6)
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, each in enumerate(folders):  # before any mask, so that none is ever without
         mask_mark(scene, k, scale, repaired=bool(make_consistent)).write(each)

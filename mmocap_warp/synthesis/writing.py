@@ -8,9 +8,8 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.errors import input_errors
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.image_files import write_png
+from mmocap_warp.formats.image_files import make_image_folders, write_png
 from mmocap_warp.formats.toml_table import quoted, visible
 from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.formats.usd.usd_body import write_subject
@@ -86,11 +85,7 @@ def write_made_scene(
         InputError: a folder that cannot be written to.
     """
     folders = [folder / "masks" / file_name(name, folder) for name in footage.rig.names]
-    with input_errors(folder, "cannot be written to ({error})", "choose another folder", OSError):
-        for each in folders:
-            each.mkdir(parents=True, exist_ok=True)
-            for earlier in each.glob("[0-9]" * 4 + "*.png"):  # of a longer scene
-                earlier.unlink()
+    make_image_folders(folder, folders, digits=4)
     for frame in range(len(footage)):
         for each, mask in zip(folders, footage.masks(frame), strict=True):
             write_png(each / f"{frame:04d}.png", mask)

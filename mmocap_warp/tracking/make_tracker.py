@@ -93,7 +93,7 @@ def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: floa
     fields = whole if is_whole else 4 * frames * pixels * _BODY_SHARE
     # Poses of the frames that are held, recalled ones, one of the body's changes, one for each pair of limbs, and those
     # whose views are asked.
-    poses = max(STARTS, min(CANDIDATES, frames)) + (RECALLED if on_cpu else 1) + 1 + FRAMES_TOGETHER
+    poses = max(STARTS, min(CANDIDATES, frames)) + (RECALLED if on_cpu else 0) + 1 + FRAMES_TOGETHER
     poses += len(limb_pairs(subject.body.skeleton))
     # On a GPU, of each frame, derivatives of its points and its rows of the clip's band, factored and inverted.
     band = 0 if on_cpu else 8 * frames * dof * (12 * len(subject.body.joint_rest) + 19 * dof)

@@ -158,8 +158,8 @@ class _MaskWindow:
         self.points = MotionPoints(subject.body.skeleton, subject.body.joint_rest, self.searched)
         device = resolve_device(config.device)
         self.recalls_beside = device == "cpu" and (config.threads or available_threads()) > 1
-        recalled = RECALLED if self.recalls_beside else 1
-        self._recall_fitter = make_fitter(subject, raw.cameras, config, recalled, like=fitter)
+        recalling = self.recalls_beside and make_fitter(subject, raw.cameras, config, RECALLED, like=fitter)
+        self._recall_fitter = recalling or fitter
         self.band = None if device == "cpu" else DeviceBand(self.points, self._places, device)
         self._objective = make_objective(subject, raw.cameras, config, max(candidates, len(raw.pose)))
         self._uncovered = UncoveredArea(subject, raw.cameras, resolve_device(config.device))

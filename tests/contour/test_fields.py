@@ -27,7 +27,7 @@ def field(fields: DistanceFields, place: int, k: int) -> np.ndarray:
 
 
 def of_frames(frames: list[Observation], device: str) -> DistanceFields:
-    fields = DistanceFields(RIG, len(frames), 1, device)
+    fields = DistanceFields(RIG, len(frames), device)
     fields.observe(frames)
     return fields
 
@@ -35,7 +35,7 @@ def of_frames(frames: list[Observation], device: str) -> DistanceFields:
 def test_growing_room_keeps_what_there_was(device, monkeypatch):
     monkeypatch.setattr("mmocap_warp.contour.frame.fields.MOST_WHOLE", 0)
     frames = [frame(radius, shift) for radius, shift in ((9, 0), (10, 20), (30, -7), (48, 3), (12, 30))]
-    fields = DistanceFields(RIG, 5, 1, device)
+    fields = DistanceFields(RIG, 5, device)
     arrays = set()
     for place, observation in enumerate(frames):
         fields.observe([observation], place)
@@ -52,7 +52,7 @@ def test_growing_room_keeps_what_there_was(device, monkeypatch):
 def test_whole_images_have_room_on_a_gpu(device):
     if device == "cpu":
         pytest.skip("the CPU knows how much room is needed")
-    fields = DistanceFields(RIG, 3, 1, device)
+    fields = DistanceFields(RIG, 3, device)
     value = fields.struct.value.ptr
     for place, radius in ((0, 9), (2, 50), (1, 30), (1, 12)):
         fields.observe([frame(radius)], place)
@@ -65,7 +65,7 @@ def test_frames_one_by_one_are_those_all_at_once(device):
     """More frames than a GPU takes together, in places after some that stay, in any order."""
     rng = np.random.default_rng(0)
     frames = [frame(rng.uniform(5, 40), int(rng.integers(-20, 20))) for _ in range(70)]
-    fields = DistanceFields(RIG, 72, 1, device)
+    fields = DistanceFields(RIG, 72, device)
     fields.observe([frames[3]], 0)
     fields.observe([frames[4]], 71)
     fields.observe(frames, first=1)

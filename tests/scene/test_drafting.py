@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from ball_scene import FRAMES, HEIGHT, RIG, WIDTH, ball_mask, ball_scene, write_video
 from calibration_files import caliscope, humaneva, multical, write_colmap_model, write_easymocap
+from drafted import lay_out, project, sources, videos
 
 from mmocap_warp import cli
 from mmocap_warp.cli import console
@@ -20,46 +21,9 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.usd_camera import write_usd_cameras
 from mmocap_warp.scene.drafting import draft_scene
-from mmocap_warp.scene.folder_search import Medium, takes
 from mmocap_warp.scene.scene_toml import load_scene
 
-__all__ = ["ball_scene"]
-
-
-@pytest.fixture
-def videos(tmp_path: Path) -> Path:
-    """Three cameras' videos of one moment, by the cameras' names."""
-    folder = tmp_path / "source"
-    folder.mkdir()
-    for k, name in enumerate(RIG.names):
-        frames = [np.where(ball_mask(k, f)[..., None], np.uint8([30, 60, 220]), np.uint8(100)) for f in range(FRAMES)]
-        write_video(folder / f"{name}.mkv", frames)
-    return folder
-
-
-@pytest.fixture
-def project(tmp_path: Path) -> Path:
-    folder = tmp_path / "project"
-    folder.mkdir()
-    return folder
-
-
-def lay_out(videos: Path, project: Path, place: str, **names: str) -> None:
-    """Copy each camera's video to ``place``, in which {} stands for the camera or for another name of it."""
-    for name in RIG.names:
-        target = project / place.format(names.get(name, name))
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(videos / f"{name}.mkv", target)
-
-
-def sources(folder: Path) -> dict[str, str]:
-    """Where the drafted scene of a folder finds each camera's video."""
-    draft = draft_scene(folder)
-    (folder / "scene.toml").write_text(draft.text)
-    scene = load_scene(folder, masks=False)
-    assert scene.calibrated.up == "+y"
-    assert scene.fps == 30
-    return {source.name: source.video.path.relative_to(folder).as_posix() for source in scene.cameras if source.video}
+__all__ = ["ball_scene", "project", "videos"]
 
 
 def test_a_plain_folder(videos: Path) -> None:
@@ -115,32 +79,6 @@ def test_an_easymocap_project(videos: Path, project: Path, images: bool) -> None
     for number in (1, 2, 3, 5):  # of which some were deleted
         cv2.imwrite(str(project / "stills" / f"IMG_{number:04d}.jpg"), np.zeros((HEIGHT, WIDTH), np.uint8))
     assert draft_scene(project).cameras == draft.cameras
-
-
-def test_a_number_that_is_a_cameras_name_may_be_in_a_folders_name(videos: Path, project: Path) -> None:
-    write_toml_rig(project / "calibration.toml", replace(RIG, names=("1", "2", "3")))
-    lay_out(videos, project, "take_1/cam_{}.mkv", cam01="1", cam02="2", cam03="3")
-    assert sources(project) == {name: f"take_1/cam_{name}.mkv" for name in "123"}
-
-
-def test_a_running_number_beside_each_cameras_name_is_no_take(videos: Path, project: Path) -> None:
-    serials = ("21001", "21002", "21003")
-    write_toml_rig(project / "calibration.toml", replace(RIG, names=serials))
-    names = {name: f"{k}_{serial}" for k, (name, serial) in enumerate(zip(RIG.names, serials, strict=True), 1)}
-    lay_out(videos, project, "Walk01_Miqus_{}.mkv", **names)
-    assert sources(project) == {s: f"Walk01_Miqus_{k}_{s}.mkv" for k, s in enumerate(serials, 1)}
-
-
-def test_cameras_of_two_takes_are_not_joined() -> None:
-    media = [Medium(Path(f"take{k}/cam{k}.mp4"), (f"take{k}", f"cam{k}"), "recording") for k in (1, 2)]
-    assert [len(take) for take in takes(media, "recording", ("cam1", "cam2")).values()] == [1, 1]
-
-
-def test_folders_that_are_links_are_looked_through(videos: Path, project: Path) -> None:
-    write_toml_rig(project / "calibration.toml", RIG)
-    (project / "videos").symlink_to(videos)
-    (videos / "again").symlink_to(project)  # a loop
-    assert draft_scene(project).cameras == RIG.names
 
 
 def test_images_that_begin_at_other_numbers_are_told(project: Path) -> None:

@@ -31,15 +31,15 @@ class DistanceFields:
     """Fields of as many frames as there is room for, in the ``struct`` that kernels take.
 
     A pixel's centre is half a pixel from the contour that runs between it and a neighbour on the other side. Distances
-    are slightly smoothed, and cut off a few pixels from a contour; see :mod:`mmocap_warp.kernels.contour.distance`. The
-    candidates are judged at a time, each against a frame of its own.
+    are slightly smoothed, and cut off a few pixels from a contour; see :mod:`mmocap_warp.kernels.contour.distance`.
+    :meth:`judging` says against which frames candidates are judged.
     """
 
-    def __init__(self, rig: CameraRig, frames: int, candidates: int, device: str) -> None:
+    def __init__(self, rig: CameraRig, frames: int, device: str) -> None:
         self._rig, self._device = rig, device
         view = (frames, len(rig))
         self.struct = allocated(
-            Fields, device, value=1, box=view, start=view, frame=candidates, larger=len(rig), hidden=(0, 0, 0, 0)
+            Fields, device, value=1, box=view, start=view, frame=0, larger=len(rig), hidden=(0, 0, 0, 0)
         )
         self._scratch = block.scratch(device)
         self._hidden = wp.zeros((0, 0, 0, 0), dtype=wp.uint32, device=device)  # of frames that are observed together
@@ -111,7 +111,7 @@ class DistanceFields:
         wp.copy(fields.hidden[first : first + frames], self._hidden[:frames])
 
     def judging(self, frame: wp.array[wp.int32]) -> Fields:
-        """What kernels take that judge candidates against frames (candidate,) other than those of ``struct``."""
+        """What kernels take that judge candidates, against frames (candidate,)."""
         known: Any = Fields
         return filled(Fields, **{name: getattr(self.struct, name) for name in known.vars} | {"frame": frame})
 

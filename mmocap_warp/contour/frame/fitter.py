@@ -107,7 +107,7 @@ class ContourFitter:
 
         # The masks of frames, the cameras, and how the body moves in the time by which a view is late. Each candidate's
         # frame, and which of its neighbours there are, is of this fitter alone.
-        self.fields: DistanceFields = like.fields if like else DistanceFields(rig, frames, candidates, device)
+        self.fields: DistanceFields = like.fields if like else DistanceFields(rig, frames, device)
         self._place, self._sides = (wp.zeros(candidates, dtype=wp.int32, device=device) for _ in range(2))
         self._late: np.ndarray = like._late if like else np.zeros((frames, cameras), np.float32)
         self._views = make_views(rig, device)

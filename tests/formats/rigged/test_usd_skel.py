@@ -33,16 +33,22 @@ def test_joints_skin_and_units(tmp_path: Path) -> None:
     assert len(read.face) == 2 * len(dog.skin.face)
 
 
-def test_limits_of_physics_joints(tmp_path: Path) -> None:
-    path = tmp_path / "dog.usda"
+def read_with_knee(path: Path, kind: type, axis: str, lower: float, upper: float, turn: Gf.Quatf | None = None):
+    """A dog whose left fore knee has a physics joint."""
     write_body(path, quadruped())
     stage = Usd.Stage.Open(str(path))
-    knee = UsdPhysics.RevoluteJoint.Define(stage, Sdf.Path("/Dog/LForeKnee"))
-    knee.CreateAxisAttr("X")
-    knee.CreateLowerLimitAttr(-10.0)
-    knee.CreateUpperLimitAttr(90.0)
+    knee = kind.Define(stage, Sdf.Path("/Dog/LForeKnee"))
+    knee.CreateAxisAttr(axis)
+    knee.CreateLowerLimitAttr(lower)
+    knee.CreateUpperLimitAttr(upper)
+    if turn is not None:
+        knee.CreateLocalRot1Attr(turn)
     stage.Save()
-    read = read_usd_skel(path)
+    return read_usd_skel(path)
+
+
+def test_limits_of_physics_joints(tmp_path: Path) -> None:
+    read = read_with_knee(tmp_path / "dog.usda", UsdPhysics.RevoluteJoint, "X", -10.0, 90.0)
     (joint,) = read.axes
     assert read.joints[joint] == "LForeKnee"
     assert not read.axes[joint].slides
@@ -51,29 +57,14 @@ def test_limits_of_physics_joints(tmp_path: Path) -> None:
 
 
 def test_a_physics_axis_lies_in_a_frame_that_may_be_turned(tmp_path: Path) -> None:
-    path = tmp_path / "dog.usda"
-    write_body(path, quadruped())
-    stage = Usd.Stage.Open(str(path))
-    knee = UsdPhysics.RevoluteJoint.Define(stage, Sdf.Path("/Dog/LForeKnee"))
-    knee.CreateAxisAttr("Z")
-    knee.CreateLowerLimitAttr(-10.0)
-    knee.CreateUpperLimitAttr(90.0)
-    knee.CreateLocalRot1Attr(Gf.Quatf(0.5**0.5, 0.0, 0.5**0.5, 0.0))  # from z to x
-    stage.Save()
-    (how,) = read_usd_skel(path).axes.values()
+    z_to_x = Gf.Quatf(0.5**0.5, 0.0, 0.5**0.5, 0.0)
+    read = read_with_knee(tmp_path / "dog.usda", UsdPhysics.RevoluteJoint, "Z", -10.0, 90.0, z_to_x)
+    (how,) = read.axes.values()
     np.testing.assert_allclose(how.axis, (1, 0, 0), atol=1e-6)
 
 
 def test_travel_of_a_prismatic_physics_joint(tmp_path: Path) -> None:
-    path = tmp_path / "dog.usda"
-    write_body(path, quadruped())
-    stage = Usd.Stage.Open(str(path))
-    knee = UsdPhysics.PrismaticJoint.Define(stage, Sdf.Path("/Dog/LForeKnee"))
-    knee.CreateAxisAttr("Y")
-    knee.CreateLowerLimitAttr(-0.5)
-    knee.CreateUpperLimitAttr(0.25)
-    stage.Save()
-    read = read_usd_skel(path)
+    read = read_with_knee(tmp_path / "dog.usda", UsdPhysics.PrismaticJoint, "Y", -0.5, 0.25)
     (how,) = read.axes.values()
     np.testing.assert_allclose(how.axis, (0, 1, 0))
     assert (how.lower, how.upper, how.slides) == (-0.5, 0.25, True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import warp as wp
 from contours import MATCHING, Contours, poisoned_outline, poisoned_residuals
 from random_scenes import perfect_masks
 from synthetic import ring_rig, synthetic_body, synthetic_poses, synthetic_subject
@@ -87,14 +88,15 @@ class Planted:
         self.outline.line.assign(line.astype(np.float32).ravel())
         self.outline.count.assign(np.array([[len(polygon)] for polygon in polygons], np.int32))
         self.residuals = poisoned_residuals(n, 1, size, device)
-        fields = DistanceFields(rig, len(masks), n, device)
+        fields = DistanceFields(rig, len(masks), device)
         for place, mask in enumerate(masks):
             in_front = None if hidden is None or hidden[place] is None else [hidden[place]]
             fields.observe([Observation.from_masks([mask], None, in_front)], place)
-        fields.struct.frame.assign(np.array(frames if frames is not None else np.zeros(n), np.int32))
+        judged = wp.array(np.array(frames if frames is not None else np.zeros(n)), dtype=wp.int32, device=device)
         views: Views = make_views(rig, device)
         settings = filled(Matching, **(MATCHING | matching))
-        find_residuals(self.outline, fields.struct, views, settings, batch_of(0, n, n, device), self.residuals)
+        batch = batch_of(0, n, n, device)
+        find_residuals(self.outline, fields.judging(judged), views, settings, batch, self.residuals)
         self.counts = [len(polygon) for polygon in polygons]
 
     def residual(self, c: int = 0) -> np.ndarray:

@@ -18,8 +18,7 @@ SUBJECT = synthetic_subject()
 def packet(subject: Subject = SUBJECT, smooth: bool = False, person: str = "") -> Packet:
     """Frame 7, at 2.5 s, seen by the first camera alone."""
     pose = np.concatenate([subject.pose[:3], synthetic_poses(3)[2][3:]])[None]
-    joints = joint_transforms(subject, pose)[1][:, :, :3, 3]
-    answer = LiveFrame(7, pose, pose, joints, np.array([[0.91, np.nan]]), ("partial",))
+    answer = LiveFrame(7, pose, pose, joint_transforms(subject, pose)[1], np.array([[0.91, np.nan]]), ("partial",))
     return Packet(answer, subject, 2.5, smooth, 3, person)
 
 

@@ -5,6 +5,7 @@ Nothing here imports Warp, USD or OpenCV, so that ``mmocap --help`` answers at o
 May import: every other room.
 """
 
+import atexit
 import errno
 import gc
 import os
@@ -29,6 +30,8 @@ from mmocap_warp.errors import InputError, UsageError
 _REFERENCES = "MMOCAP_ALLOW_REFERENCES"
 _NO_ROOM = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of what is written to, be it stdout or a file
 _LOADING = {("context.py", "load"), ("build.py", "init_kernel_cache")}  # by file, what reads and writes Warp's kernels
+
+atexit.register(gc.freeze)  # to look through all that is left for garbage is a tenth of a short command
 
 app = App(
     name="mmocap",

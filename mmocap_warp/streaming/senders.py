@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from mmocap_warp.body.model import Subject, joint_transforms
+from mmocap_warp.body.model import Subject
 from mmocap_warp.body.rotations import quarter_turn, quaternions, transposed
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.display.chart import COLOURS, colour_rules
@@ -45,7 +45,7 @@ class Packet:
     @cached_property
     def world(self) -> np.ndarray:
         """(joint, 4, 4) of the joints in the world, turned from the body's bind pose [m]."""
-        world = joint_transforms(self.subject, self.answer.pose[:1])[1][0]
+        world = self.answer.world[0].copy()
         world[:, :3, :3] = world[:, :3, :3] @ transposed(self.subject.body.skeleton.frame.astype(float))
         return world
 

@@ -153,7 +153,8 @@ class ContourTracker:
             if self.search and climbing.any():
                 answer, rescued = self._recovered(self.search, answer, climbing, observation)
                 evaluations = self.search.evaluations
-            self._state = replace(self._state, climbed_in_vain=climbing & self._falls_short(answer) & self._may_rest)
+                climbing &= self._falls_short(answer)
+            self._state = replace(self._state, climbed_in_vain=climbing & self._may_rest)
 
         # Now and then, and where the ladder led elsewhere, look for limbs that the body does not cover.
         looking = self._state.is_looking(self._look_interval) | rescued

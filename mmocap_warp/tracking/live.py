@@ -19,6 +19,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
+from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.tracking.contour_state import ContourState
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_frames
@@ -102,8 +103,8 @@ class LiveTracker:
     ) -> None:
         if not config.acceleration:
             raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
-        body, given = subject.body, (subject, cameras, fps, config)
-        self._poser, self._units = Poser(body, subject.root_base), body.skeleton.units(body.unit)
+        given = subject, cameras, fps, config
+        self._subject, self._units = subject, subject.body.skeleton.units(subject.body.unit)
         subject, cameras, config = in_own_unit(subject, cameras, config)
         device = resolve_device(config.device)
         self._stream = None if device == "cpu" else wp.Stream(device)  # several trackers' streams run side by side
@@ -118,7 +119,7 @@ class LiveTracker:
             state, poser = self._tracker.state, Poser(subject.body, subject.root_base)
             masks = silhouettes(cameras, poser.tracking_vertices(subject.pose)[0], subject.body.tracking_face)
             seen = Observation.from_masks(masks, None, masks if hidden else None)
-            self._begun = False
+            self._begun, self._unsent = False, list[tuple[int, int, Observation, FrameAnswer]]()
             for number in range(math.ceil(_REHEARSAL * fps)):
                 self.step(number, seen)
             for _ in self.rest():
@@ -150,6 +151,7 @@ class LiveTracker:
 
     def begin(self, number: int, seen: Observation | Sequence[np.ndarray]) -> None:
         """Let a GPU begin with a frame; then the frames of others may be begun before this one is finished."""
+        self._hand_on()
         observation = seen if isinstance(seen, Observation) else Observation.from_masks(list(seen))
         with self._own_stream():
             if number != self._expected:  # what is gone since may have moved
@@ -167,14 +169,21 @@ class LiveTracker:
             answer = self._tracker.step(observation)
             if not self._begun and isinstance(state := self._tracker.state, ContourState):
                 self._tracker.state = state.settled()  # else the next frames would be searched for too: slow
+        self._unsent.append((self._person, number, observation, answer))
         self._begun = True
-        self._smoother.hand_on(self._person, number, observation, answer)
-        return live_frame(self._poser, self._units, number, answer.pose, answer, answer.status)
+        return live_frame(self._subject, self._units, number, answer.pose, answer, answer.status)
+
+    def _hand_on(self) -> None:
+        """Let the last frame be smoothed. A thread sends it, and would delay the answer at once if that came later."""
+        while self._unsent:
+            self._smoother.hand_on(*self._unsent.pop())
 
     def smoothed(self) -> Iterator[LiveFrame]:
         """The frames whose smoothed answers have come since."""
-        return self._smoother.solved(self._person)
+        self._hand_on()
+        yield from self._smoother.solved(self._person)
 
     def rest(self) -> Iterator[LiveFrame]:
         """The smoothed answers that are missing, once no frame will come."""
-        return self._smoother.rest(self._person)
+        self._hand_on()
+        yield from self._smoother.rest(self._person)

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.body.model import Subject
-from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.clip.clip_problem import LAG, ClipProblem, FixedLag
@@ -48,9 +47,14 @@ class LiveFrame:
     number: int  # of the frame, from 0
     pose: np.ndarray  # (run, coordinate) float64, smoothed with the frames around it [m, rad]
     raw_pose: np.ndarray  # (run, coordinate), as it was tracked
-    joints: np.ndarray  # (run, joint, 3) float64, joint centres of ``pose`` in the world [m]
+    world: np.ndarray  # (run, joint, 4, 4) float64, the joints' transforms in ``pose``, for column vectors [m]
     iou: np.ndarray  # (run, camera) float64, overlap of ``raw_pose`` with the masks; NaN for a lost view
     status: tuple[str, ...]  # a name of ``STATUS`` for each run
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(run, joint, 3) float64, joint centres in the world [m]."""
+        return self.world[:, :, :3, 3]
 
 
 class Window:
@@ -58,7 +62,7 @@ class Window:
 
     def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float, first: int = 0) -> None:
         skeleton = subject.body.skeleton
-        self._poser, self._units = Poser(subject.body, subject.root_base), skeleton.units(subject.body.unit)
+        self._subject, self._units = subject, skeleton.units(subject.body.unit)
         subject, cameras, config = in_own_unit(subject, cameras, config)
         searched, limits = skeleton.searched(config.dof), search_limits(subject, config)
         self._rooting = rooting = Rooting(skeleton, subject.root_base, searched, limits)
@@ -108,18 +112,18 @@ class Window:
             between = ~tracked[i] & self._tracked_before & tracked[i:].any(axis=0)
             self._tracked_before |= tracked[i]
             status = np.where(between, _INTERPOLATED, answer.status)
-            yield live_frame(self._poser, self._units, self._first, poses[:, i], answer, status)
+            yield live_frame(self._subject, self._units, self._first, poses[:, i], answer, status)
             self._first += 1
 
 
 def live_frame(
-    poser: Poser, units: np.ndarray, number: int, pose: np.ndarray, answer: FrameAnswer, status: int | np.ndarray
+    subject: Subject, units: np.ndarray, number: int, pose: np.ndarray, answer: FrameAnswer, status: int | np.ndarray
 ) -> LiveFrame:
     """A frame of poses (run, coordinate) in ``units`` (coordinate,)."""
     pose = pose * units
-    joints = poser.joint_transforms(pose)[:, :, :3, 3].astype(float)
+    _, world = joint_transforms(subject, pose)
     names = tuple(STATUS[each] for each in np.broadcast_to(status, len(pose)))
-    return LiveFrame(number, pose, answer.pose * units, joints, answer.iou, names)
+    return LiveFrame(number, pose, answer.pose * units, world, answer.iou, names)
 
 
 class SmoothingProcess:

@@ -75,9 +75,9 @@ class Standing:
         """The same poses again."""
         found = Future()
         for (subject, *_), observation, frames in zip(self.people, seen, self.frames, strict=True):
-            pose, joints = subject.pose[None], np.zeros((1, len(subject.body.skeleton.joints), 3))
+            pose, world = subject.pose[None], np.zeros((1, len(subject.body.skeleton.joints), 4, 4))
             iou = observation.foreground[None] / 1000.0  # tells who was seen
-            frames.append(LiveFrame(number, pose, pose, joints, iou, ("tracked",)))
+            frames.append(LiveFrame(number, pose, pose, world, iou, ("tracked",)))
         found.set_result(([frames[-1] for frames in self.frames], [[] for _ in self.people]))
         return found
 

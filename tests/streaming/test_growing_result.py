@@ -23,7 +23,7 @@ POSES = synthetic_poses(4)
 def packets() -> list[Packet]:
     iou = np.array([[0.9, np.nan]])
     frames = [
-        LiveFrame(number, pose[None], pose[None] + 0.01, np.zeros((1, 1, 3)), iou, ("partial",))
+        LiveFrame(number, pose[None], pose[None] + 0.01, np.zeros((1, 1, 4, 4)), iou, ("partial",))
         for number, pose in zip((5, 6, 7, 9), POSES, strict=True)
     ]
     return [Packet(frame, SUBJECT, 0.0, smooth, 0) for frame in frames for smooth in (False, True)]

@@ -40,7 +40,8 @@ def test_what_json_says():
 
 def test_turns_are_from_the_bind_pose():
     still = np.zeros((1, SUBJECT.body.skeleton.coordinates))
-    standing = LiveFrame(0, still, still, np.zeros((1, 1, 3)), np.zeros((1, 1)), ("lost",))
+    world = joint_transforms(SUBJECT, still)[1]
+    standing = LiveFrame(0, still, still, world, np.zeros((1, 1)), ("lost",))
     turn = Packet(standing, SUBJECT, 0.0, False, 0).values[:, 3:]
     np.testing.assert_allclose(np.abs(turn @ turn[0]), 1.0, atol=1e-6)  # every joint turns as the root does
 
@@ -167,8 +168,8 @@ def test_vmc_puts_the_joints_where_they_are_in_unitys_axes():
     skeleton = subject.body.skeleton
     pose = np.zeros(skeleton.coordinates)
     pose[:3], pose[3:] = (0.3, -0.2, 0.9), np.random.default_rng(0).uniform(-0.3, 0.3, skeleton.coordinates - 3)
-    world = joint_transforms(subject, pose[None])[1][0][:, :3, 3]
-    answer = LiveFrame(7, pose[None], pose[None], world[None], np.zeros((1, 2)), ("tracked",))
+    world = joint_transforms(subject, pose[None])[1]
+    answer = LiveFrame(7, pose[None], pose[None], world, np.zeros((1, 2)), ("tracked",))
     told = vmc_values(subject, "+z", Packet(answer, subject, 2.5, True, 0))
     assert told["/mmocap/frame"] == (7, "2.5")
     # Each bone in its parent, as Unity's humanoid has them; a mirror is its own inverse.
@@ -182,7 +183,7 @@ def test_vmc_puts_the_joints_where_they_are_in_unitys_axes():
         placed[bone] = place + turn @ told[bone][:3], turn @ matrix(told[bone][3:])
     own = {"Hips": "Root", "Neck": "Neck", "LeftHand": "LWrist", "RightFoot": "RAnkle", "RightLowerArm": "RElbow"}
     for bone, joint in own.items():
-        x, y, z = world[skeleton.index(joint)]
+        x, y, z = answer.joints[0, skeleton.index(joint)]
         np.testing.assert_allclose(placed[bone][0], (-x, z, -y), atol=1e-5)
 
 

@@ -6,6 +6,7 @@ names the one after which the views agree. Smaller errors show in contours: came
 together, and the check names the changes of one camera in one respect that explain what the adjustment gained.
 """
 
+import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -17,7 +18,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.calibration.adjust import camera_changes
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, CameraSolution, Person, Progress
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
-from mmocap_warp.calibration.first_look import few_views
+from mmocap_warp.calibration.first_look import few_views, look
 from mmocap_warp.calibration.gross_mistake import IMAGE_SIZE, MIRRORED, SWAPPED, Mistake, repairs
 from mmocap_warp.calibration.refine.refinement import CLEAR, STATED
 from mmocap_warp.calibration.sync.lag_course import lag_course, peak
@@ -137,6 +138,9 @@ def check(
     solution = adjustment.solve(change, person, sigma, beside=solution)
     report("cameras", 0.9)
     findings = tuple(with_words(finding, adjustment) for finding in small_errors(rig, solution))
+    # A view that shows nothing of the body adds nothing to the errors.
+    if not findings and (problem := look(scene, None).problem) is not None:
+        findings = (Finding("all cameras", "masks", words=problem),)
     overlap, pictures = _compare_views(rig, person, solution, findings)
     report("compared", 1.0)
     return CameraCheck(rig.names, covered, overlap, findings, footage.scale, pictures)
@@ -154,7 +158,7 @@ def with_words(finding: Finding, adjustment: Adjustment) -> Finding:
     words = (
         f"{finding.camera}: distortion {what}, by {abs(radial) * edge**3 / focal**2:.0f} px at the image's edge; "
         f"calibrate its lens, or add {radial:+.2f} to the first of its distortions in the calibration, then run: "
-        f"mmocap calib check {adjustment.scene.path}"
+        f"mmocap calib check {shlex.quote(str(adjustment.scene.path))}"
     )
     return replace(finding, words=words)
 

@@ -4,6 +4,7 @@ A second or two on a few small frames. Refused is what fits no body: views that 
 names the mistake; views that agree on nothing; and a subject of a wrong size. What hides a limb is at most a doubt.
 """
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -72,7 +73,8 @@ def look(
     if not views.large_enough:
         return FirstLook(doubts=tuple(doubts))
     # The calibration, by all views together.
-    check = _STAYS * (scene.foreground.source == "recording") + f"check with: mmocap calib check {scene.path}"
+    check = f"check with: mmocap calib check {shlex.quote(str(scene.path))}"
+    check = _STAYS * (scene.foreground.source == "recording") + check
     # Where something may be in front, views differ for that, and hundreds of repairs would be tried in vain.
     now, mistake = (agreement(rig, compared), None) if scene.has_others else views.mistake()
     if mistake is not None:

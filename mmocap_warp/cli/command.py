@@ -7,6 +7,7 @@ import ast
 import inspect
 import re
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -134,7 +135,7 @@ def command(
 @contextmanager
 def _undisturbed() -> Iterator[None]:
     """Let signals wait: OpenUSD swallows what they raise while it is imported, and goes on without a part of itself."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    if sys.platform == "win32":
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})

@@ -41,7 +41,7 @@ def evaluate(
     Args:
         result: what was tracked, or its file.
         truth: true markers or joints: .usdc, .usda or .trc. [default: the scene's own]
-        truth_axes: of a .trc: which of its axes are the world's x, y and z, such as zxy. [default: the scene's, or xyz]
+        truth_axes: of a .trc: which of its axes are the world's x, y and z. [default: xyz; of the scene's own, its]
         scene: the scene, if it is no longer where the result says.
         frames: which of the result's frames. [default: all]
         joint_set: by which definitions joints are compared: rig, isb, coco17, body25, h36m17, humaneva, rajagopal,

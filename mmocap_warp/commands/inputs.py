@@ -12,6 +12,8 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.commands.caller import Reporter, arguments_checked, effective
 from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.formats.table import read_calibration
+from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.masks.cleanup import clean_mask, rivals
 from mmocap_warp.masks.mask_image import Labels, decode_mask
 from mmocap_warp.result.result import Result
@@ -180,8 +182,24 @@ def scene_of(
         if not named.exists():
             problem = f"was made from {named}, which is not there"
             raise InputError(path or "result", problem, "name the scene with --scene")
-    found = named if isinstance(named, Scene) else load_scene(named, identity=identity)
-    return found.of_person(person) if person in found.people else found
+    number = made.frame_numbers if isinstance(made, Result) else None
+    frames = None if number is None else f"{number[0]}:{number[-1] + 1}"
+    if isinstance(named, Scene):
+        found = named
+    else:
+        try:  # those of its frames that were tracked: cameras need not have all others
+            found = load_scene(named, frames, identity=identity)
+        except ValueError:  # it has not these
+            found = load_scene(named, identity=identity)
+    found = found.of_person(person) if person in found.people else found
+    refined = None if path is None or "refined_cameras" not in known else path.with_name(known["refined_cameras"])
+    return found if refined is None or not refined.exists() else with_refined(found, refined)
+
+
+def with_refined(scene: Scene, file: Path) -> Scene:
+    """The scene with the cameras and times that a calibration beside a result has refined."""
+    rig = read_calibration(file, None, scene.calibrated.up, None).select(scene.calibrated.names)
+    return scene.with_cameras(rig, load_toml(file).take_table("metadata").take("offsets", dict))
 
 
 def one_person(scene: Scene) -> Scene:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,6 @@ from mmocap_warp.commands.track_pieces import spans_of, track_in_pieces
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
 from mmocap_warp.fitting.fit_config import FitConfig
-from mmocap_warp.formats.table import read_calibration
-from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import read_subject, write_subject
 from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 from mmocap_warp.formats.usd.usd_result import read_result, write_result
@@ -215,6 +214,8 @@ def track(
     elif pins is not None:
         raise UsageError("--pins needs --again, the result whose frames were pinned")
     subject, body = _starts_from(subject, body)
+    if subject is not None and (body is not None or rigid is not None):
+        raise UsageError("--body and --rigid say how a subject is fitted: --subject names one that is")
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
     loaded = inputs.one_person(inputs.scene_from(scene, frames, identity, reporter, person=person))
     inputs.keep_truth(file, loaded)
@@ -243,10 +244,11 @@ def track(
     generic = inputs.body_from(body, loaded) if subject is None else subject.body
     _check_model(generic, loaded, chosen, given)
     named = subject or Subject(generic, np.eye(3), np.zeros(generic.skeleton.coordinates), {})
+    named, _ = subject_carrying(named, loaded.attached)
     more = [each for each in (pieces > 1 and pieces, *([rigid, loaded.fit] if subject is None else ())) if each]
     asked = {} if file is None else {"asked": asked_for(loaded, named, chosen, more)}
     if resume and file is not None and file.exists() and not (checkpoint and checkpoint.exists()):
-        return _complete(file, asked["asked"], reporter)
+        return _complete(file, asked["asked"], given.get("cameras", loaded.track.get("cameras")), reporter)
     fitted_for = f"{chosen.cameras} {asked.get('asked')}"
     goes_on = resume and checkpoint is not None and checkpoint.exists()
     if subject is None and resume and kept is not None and kept.exists():
@@ -282,10 +284,11 @@ def track(
     return tracked
 
 
-def _complete(file: Path, asked: str, reporter: Reporter) -> Result:
-    """The result that is there; an InputError if something else was ``asked`` for then."""
+def _complete(file: Path, asked: str, cameras: str | None, reporter: Reporter) -> Result:
+    """The result that is there; an InputError if something else was ``asked`` for then, or other ``cameras``."""
     done = read_result(file)
-    if done.config.get("asked", asked) != asked:  # versions before 30 November 2026 do not say
+    # Versions before 30 November 2026 do not say what was asked for.
+    if done.config.get("asked", asked) != asked or cameras not in (None, done.config["cameras"]):
         problem = "is of other frames, settings, cameras or masks than are asked for now, or of another subject or body"
         raise InputError(file, problem, "replace it with --force, or write elsewhere")
     reporter.note(f"{file} is complete")
@@ -302,16 +305,18 @@ def _again(
     settings: dict[str, Any],
 ) -> Result:
     """A result of which some frames were solved anew: around pins, or those that the scene is ``loaded`` with."""
+    from mmocap_warp.display.result_video import check_same_recording
+
     result, path = inputs.result_from(again)
-    if result.cameras.names != loaded.calibrated.names:
-        problem = f"its cameras are {', '.join(result.cameras.names)}, not those of the scene"
-        raise InputError(path or "result", problem, "give the scene that it was tracked from")
+    check_same_recording(result, loaded)
+    if (identity := result.config.get("identity", 0)) != loaded.foreground.identity:
+        raise InputError(path or "result", f"is of the identity {identity} in the masks", "give the same --identity")
     if (person := result.config.get("person", "")) != loaded.person:
         own, asked = (name or "somebody without a name" for name in (person, loaded.person))
         raise InputError(path or "result", f"is of {own}, not of {asked}", "give its own scene and --person")
     numbers = result.frame_numbers.tolist()
     chosen = [position for position, number in enumerate(numbers) if number in loaded.frames]
-    span = range(chosen[0], chosen[-1] + 1) if 0 < len(chosen) < len(numbers) else None
+    span = range(chosen[0], chosen[-1] + 1) if pins is None and 0 < len(chosen) < len(numbers) else None
     if span is None and pins is None:
         some = f"some but not all of the result's {inputs.span(numbers)}"
         raise UsageError(f"--again needs --pins, or --frames first:end, {some}, to say which are solved anew")
@@ -325,11 +330,14 @@ def _again(
     own = replace(own, device=place.device, threads=place.threads)
     start_warp(own.device)
 
-    # Cameras that were refined lie beside the result.
-    refined = result.config.get("refined_cameras")
-    if refined is not None and path is not None and (kept := path.with_name(refined)).exists():
-        rig = read_calibration(kept, None, loaded.calibrated.up, None).select(loaded.calibrated.names)
-        loaded = loaded.with_cameras(rig, load_toml(kept).take_table("metadata").take("offsets", dict))
+    if (refined := result.config.get("refined_cameras")) is not None:
+        if path is None or not (kept := path.with_name(refined)).exists():
+            remedy = "track with an output, and keep the calibration beside it"
+            raise InputError(path or "result", f"its refined cameras ({refined}) are not beside it", remedy)
+        loaded = inputs.with_refined(loaded, kept)
+    of_scene, of_result = ((rig.K, rig.R, rig.t) for rig in (loaded.rig(own.scale), result.cameras))
+    if not all(map(partial(np.allclose, atol=1e-4), of_scene, of_result)):
+        raise InputError(loaded.path, "its cameras are not those of the result", "give the calibration of then")
     clicked = Pins.none() if pins is None else read_pins(pins, result, loaded.calibrated)
     with reporter.stage("mend", None):
         mended = mending.mended(loaded, result, own, clicked, span)
@@ -358,24 +366,23 @@ def _refined(
     from mmocap_warp.commands.calibrate import refine_scene
 
     kept = None if output is None else output.with_name(f"{output.stem}.calibration.toml")
-    rig, offsets = scene.calibrated, dict[str, float]()
+    refined: Scene | None = None
     if not begun:
         adjust = AdjustConfig(seed=config.seed, device=config.device, threads=config.threads, subject=subject)
         found = refine_scene(scene, body, adjust, kept, reporter)
         if found.better:
-            rig, offsets = found.rig, found.offsets(scene)
+            refined = scene.with_cameras(found.rig, found.offsets(scene))
         elif kept is not None:
             kept.unlink(missing_ok=True)
     # What was written is read back, so that a resumed run has the same cameras to the last bit.
     if kept is not None and kept.exists():
-        rig = read_calibration(kept, None, scene.calibrated.up, None).select(scene.calibrated.names)
-        offsets = load_toml(kept).take_table("metadata").take("offsets", dict)
-    if not offsets:
+        refined = inputs.with_refined(scene, kept)
+    if refined is None:
         reporter.note("cameras: as given, no change explains the masks significantly better")
         return scene, {}
     kept_in = "in memory" if kept is None else kept.name
     reporter.note(f"cameras: refined, {kept_in}")
-    return scene.with_cameras(rig, offsets), {"refined_cameras": kept_in}
+    return refined, {"refined_cameras": kept_in}
 
 
 def _starts_from(

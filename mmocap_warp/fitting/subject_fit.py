@@ -109,7 +109,7 @@ def fit(
     try:
         subject = fit_clip(body, rig, rate, first, config, progress, start_poses, later)
     except NoSubjectError as error:
-        remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
+        remedy = "look at masks (mmocap mask) and calibration (mmocap cameras), or begin with a later frame (--frames)"
         if scene.of_several:
             remedy = "fit each person in frames (--frames) in which labels tell them apart, or from masks of one alone"
         raise InputError(scene.path, f"frame {scene.first_frame}: {error}", remedy) from None

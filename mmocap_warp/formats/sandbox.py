@@ -18,7 +18,7 @@ from contextlib import suppress
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import native_path
@@ -55,7 +55,7 @@ def sandboxed(reader: Callable[P, T]) -> Callable[P, T]:
         path = os.path.abspath(native_path(str(args[0])))
         stamp = _stamp(path)
         if stamp is not None and stamp not in (_sound.get((path, name)), _sound.get((path, ""))):
-            _worker.read(name, str(args[0]), stamp[1])
+            _worker.read(name, [str(args[0]), *args[1:]], stamp[1])
             _sound[path, name] = stamp
         return reader(*args, **kwargs)
 
@@ -98,14 +98,17 @@ class _Worker:
             if sys.platform != "win32":
                 self._process()
 
-    def read(self, reader: str, path: str, size: int) -> None:
-        """Let it read a file of so many bytes; an InputError is the reader's, or that of a file which was too much."""
+    def read(self, reader: str, given: list[Any], size: int) -> None:
+        """Let it read a file of so many bytes, ``given`` with what else the reader takes.
+
+        An InputError is the reader's, or that of a file which was too much.
+        """
         seconds, memory = _SECONDS + size * _SECONDS_PER_BYTE, _BYTES + size * _BYTES_PER_BYTE
         with self._lock:
-            request = {"reader": reader, "path": path, "folder": os.getcwd(), "settings": _settings()}
+            request = {"reader": reader, "given": given, "folder": os.getcwd(), "settings": _settings()}
             answer = self._ask(json.dumps(request | {"seconds": seconds, "memory": memory}), seconds)
         if answer:
-            raise InputError(*json.loads(answer)) if answer.startswith("[") else InputError(path, answer, _REMEDY)
+            raise InputError(*json.loads(answer)) if answer.startswith("[") else InputError(given[0], answer, _REMEDY)
 
     def _ask(self, request: str, seconds: float) -> str:
         """What is wrong with the file, "" for nothing. A worker that was idle and has ended is started again."""
@@ -189,7 +192,7 @@ def _serve() -> None:
             for setting in _settings():
                 del os.environ[setting]
             os.environ |= request["settings"]
-            read(request["path"])
+            read(*request["given"])
         except MemoryError:
             answer = f"takes more than {request['memory'] / 2**30:.1f} GiB of memory to be read"
         except InputError as error:

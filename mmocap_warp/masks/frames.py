@@ -70,7 +70,7 @@ class VideoFile:
             for frame in range(self.count):
                 good, image = _next_frame(capture, frame >= first)
                 if not good:
-                    remedy = f"copy or encode it again, or set [scene] frames = {frame}"
+                    remedy = f"copy or encode it again, or let [scene] frames end before this camera's frame {frame}"
                     raise InputError(self.path, f"ends after {frame} of its {self.count} frames", remedy)
                 seconds = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000  # 0 where the file does not say it
                 begun = begun if frame else seconds

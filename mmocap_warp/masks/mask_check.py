@@ -93,12 +93,12 @@ class MaskJudge:
             return lacking
         if not volume > part and not (self._supposed and volume < LITRE):
             volumes = f"{_litres(np.nan_to_num(volume))} litres, a body like the subject's {_litres(self._body_volume)}"
-            why = "only a part of it was segmented, such as a moving leg"
+            why = "only a part of it was segmented, such as a moving leg, or a view shows something else"
             why += ", or the scene's body is to be named, where it is no person's" * self._supposed
             return [f"what all views agree on holds {volumes}: {why}"]
         return [
             f"{100 * (1 - view.explained):.0f} % of what {name} shows is seen by no other view: something else is"
-            " in it, or its calibration or frame_offset is wrong"
+            " in it (a clean plate of another camera?), or its calibration or frame_offset is wrong"
             for name, view in views.items()
             if view.explained < _MIN_EXPLAINED
         ]

@@ -1,6 +1,6 @@
 """How masks are made, as the scene's [foreground] table says."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 MODELS: tuple[str, ...] = ("gaussian", "mog2", "knn")
 BACKGROUNDS: tuple[str, ...] = ("clean_plate", "background_video", "recording")
@@ -63,7 +63,14 @@ class ForegroundSettings:
 SUBTRACTED = ForegroundSettings(
     source="clean_plate", median=12.0, close=20.0, fill_holes=1000.0, min_area=2000.0, keep="nearest"
 )
-"""What a scene starts from when masks are subtracted rather than given."""
+"""What a scene starts from when masks are subtracted rather than given, from images of 1,920 pixels or more."""
 
 GIVEN = ForegroundSettings(keep="nearest")
 """What a scene starts from when masks are given, or made by a program."""
+
+
+def subtracted(longest: int) -> ForegroundSettings:
+    """:data:`SUBTRACTED`, for images whose longer side has up to so many pixels."""
+    whole, share = SUBTRACTED, min(1.0, longest / 1920)
+    lengths = replace(whole, median=whole.median * share, close=whole.close * share)
+    return replace(lengths, fill_holes=whole.fill_holes * share**2, min_area=whole.min_area * share**2)

@@ -63,8 +63,10 @@ def _tracks(result: Result) -> dict[str, Any]:
 
 def evenly(result: Result) -> Result:
     """The result with its frames at equal times; the result itself where they are already."""
-    even = len(set(np.diff(result.frame_numbers).tolist())) <= 1
-    return result if even else at_rate(result, result.rate)
+    if len(set(np.diff(result.frame_numbers).tolist())) <= 1:
+        return result
+    filled = at_rate(result, result.rate)
+    return replace(filled, fps=result.fps, frame_numbers=result.stride * filled.frame_numbers)
 
 
 def _poses_at(pose: np.ndarray, place: np.ndarray, is_length: np.ndarray) -> np.ndarray:

@@ -111,7 +111,7 @@ def views_beside(result: Result) -> np.ndarray:
     for k in np.flatnonzero(moved.any(axis=0)):
         for stretch in np.split(np.arange(len(moved)), np.flatnonzero(np.diff(beside[:, k])) + 1):
             moved[stretch, k] = beside[stretch[0], k] & moved[stretch, k].any()
-    return moved
+    return moved & np.isfinite(shift)
 
 
 def frames_by_name(result: Result, where: np.ndarray, names: Sequence[str] | None = None) -> dict[str, list[int]]:

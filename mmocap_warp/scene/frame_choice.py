@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Protocol, Self, TypeVar
 
+from mmocap_warp.errors import UsageError
 from mmocap_warp.masks.frames import VideoFile
 
 
@@ -60,11 +61,11 @@ class FrameChoice:
 
 
 def as_range(numbers: list[int]) -> range:
-    """Ascending frame numbers as a range; a ValueError if there are none, or not evenly spaced."""
+    """Ascending frame numbers as a range; a UsageError if they are not evenly spaced."""
     step = numbers[1] - numbers[0] if len(numbers) > 1 else 1
     frames = range(numbers[0], numbers[0] + step * len(numbers), step)
     if list(frames) != numbers:
-        raise ValueError("frame numbers must be evenly spaced")
+        raise UsageError("frames are not evenly spaced: choose some that are")
     return frames
 
 

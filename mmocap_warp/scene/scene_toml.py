@@ -15,7 +15,7 @@ from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.masks.frames import Frames
 from mmocap_warp.masks.mask_files import Masks
 from mmocap_warp.masks.mask_image import Labels, decode_mask, identities_of
-from mmocap_warp.masks.mask_settings import BACKGROUNDS, GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
+from mmocap_warp.masks.mask_settings import BACKGROUNDS, GIVEN, KEEP, MODELS, SOURCES, ForegroundSettings, subtracted
 from mmocap_warp.scene.camera_source import CameraSource, recorded_frames
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
@@ -76,7 +76,7 @@ def load_scene(
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
     labels, people = file.take_table("labels"), file.take_table("people").take_tables()
     labelled, told_apart = bool(people) or labels.has("person"), labels.take("told_apart", bool, False)
-    foreground = _read_foreground(file.take_table("foreground"), identity, source, labelled)
+    making = file.take_table("foreground")
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     attached = take_attachments(file, path.parent)
     file.finish()
@@ -102,6 +102,7 @@ def load_scene(
     tables = cameras.take_tables()
     fps = fastest(tables, path, about) if stated_fps is None else stated_fps
     sources, rig = read_cameras(cameras, tables, path, calibration, units, up, fps, calibrated)
+    foreground = _read_foreground(making, identity, source, labelled, rig)
     sources = with_labels(sources, labels, foreground)
     # What the tables name must fit together.
     if states_up and rig.up != up:
@@ -140,13 +141,15 @@ def _take_frames(table: Table) -> FrameChoice:
         raise table.error(str(error), 'give a count, "first:end" or "first:end:stride"') from None
 
 
-def _read_foreground(table: Table, identity: int | None, source: str | None, labelled: bool) -> ForegroundSettings:
+def _read_foreground(
+    table: Table, identity: int | None, source: str | None, labelled: bool, rig: CameraRig
+) -> ForegroundSettings:
     stated = table.take_choice("source", SOURCES, "masks")
     if source == "subtraction":
         source = stated if stated in BACKGROUNDS else "recording"
     source = source or stated
     has_identities = source in ("masks", "program")
-    default = replace(GIVEN if has_identities else SUBTRACTED, source=source)
+    default = replace(GIVEN if has_identities else subtracted(int(rig.size.max())), source=source)
     if labelled:  # then all pieces that have a person's label are that person's
         default = replace(default, keep="all")
     values: dict[str, Any] = {
@@ -255,7 +258,7 @@ def _check_masks(masks: Masks, identity: int) -> None:
     if not any(fractions) and not any(mask.any() for mask in decoded(masks.read())):
         raise InputError(masks.path, *_why_empty(masks, identity))
     if np.median(fractions) > _MAX_FOREGROUND:
-        remedy = "invert them: the subject is white"
+        remedy = "invert them (the subject is white), or subtract a clean plate of this camera and this light"
         raise InputError(masks.path, f"masks are {100 * np.median(fractions):.0f} % foreground", remedy)
 
 

@@ -38,11 +38,11 @@ _SKIN_LOOK = {"baseColorFactor": [0.8, 0.7, 0.62, 1.0], "metallicFactor": 0.0, "
 def write_glb(result: Result | Mapping[str, Result], path: Path) -> None:
     """Write a result, which is Y up, or several by people's names; single precision, about 1e-6 m."""
     results = result if isinstance(result, Mapping) else {"": result}
-    people, about = {}, dict[str, Any]()
-    for name, each in results.items():
-        tracks = best_run_tracks(each)
-        about = {"first_frame": int(tracks.number[0]), "frames_per_second": tracks.rate}
-        clip = _Clip("Motion", tracks.time - tracks.time[0], tracks.local)
+    people, moves = {}, {name: best_run_tracks(each) for name, each in results.items()}
+    first = min(moves.values(), key=lambda tracks: tracks.time[0])
+    about = {"first_frame": int(first.number[0]), "frames_per_second": first.rate}
+    for name, tracks in moves.items():
+        clip = _Clip("Motion", tracks.time - first.time[0], tracks.local)
         people[name] = _Moving(tracks.subject.body, tracks.local[0], [clip])
     _write(people, about, path)
 

@@ -61,11 +61,13 @@ def _read_character(
     names = tuple(name.rsplit("/", 1)[-1] if len(own) == len(paths) else name.replace("/", "_") for name in paths)
 
     # The skeleton's place in the stage, which may change with time, counts for joints and skin.
-    placed = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(skeleton.GetPrim()), float).T
+    place = UsdGeom.XformCache().GetLocalToWorldTransform
+    placed = np.array(place(skeleton.GetPrim()), float).T
     up = "+y" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else "+z"
     # A track's body is bound with +Y up, whichever axis is up in its recording.
-    if up == "+z" and stage.GetPrimAtPath(_CAMERAS) and np.allclose(placed, np.eye(4)):
-        placed = _UPRIGHT
+    is_track = all(map(stage.GetPrimAtPath, (_CAMERAS, skeleton.GetPath().ReplaceName("Skin"))))
+    if is_track and np.allclose(placed.T, place(stage.GetPrimAtPath("/World"))):
+        placed = _UPRIGHT if up == "+z" else np.eye(4)
     bind = placed @ bind
 
     # All meshes that are bound to the skeleton, as one.

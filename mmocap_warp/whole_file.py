@@ -49,11 +49,9 @@ def native_path(path: str | Path) -> str:
     Raises:
         InputError: it is not UTF-8.
     """
-    try:
+    problem, remedy = "has a name that is not UTF-8", "rename the file or its folder"
+    with input_errors(ascii(str(path)), problem, remedy, UnicodeEncodeError):
         return str(path).encode().decode()
-    except UnicodeEncodeError:
-        problem, remedy = "has a name that is not UTF-8", "rename the file or its folder"
-        raise InputError(ascii(str(path)), problem, remedy) from None
 
 
 @contextmanager
@@ -145,10 +143,8 @@ def read_text(
         InputError: as :func:`read_bytes`, or it is no text.
     """
     data = read_bytes(path, remedy, missing=missing, most=most)
-    try:
+    with input_errors(path, "cannot be read as text ({error})", remedy, ValueError):
         return io.TextIOWrapper(io.BytesIO(data), encoding, errors).read()
-    except ValueError as error:
-        raise InputError(path, f"cannot be read as text ({error})", remedy) from None
 
 
 def read_json(path: str | Path, remedy: str, most: int = MAX_BYTES) -> dict[str, Any]:

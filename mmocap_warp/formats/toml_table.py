@@ -9,11 +9,12 @@ import os
 import tomllib
 import types
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from dataclasses import Field, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.whole_file import native_path, read_text
 
 if TYPE_CHECKING:
@@ -91,10 +92,15 @@ class Table:
         self._values = dict(values)
         self._known: list[str] = []
         self.source, self.name = source, name
+        self.where = f"{source}: [{name}]" if name else source
 
     def error(self, problem: str, remedy: str) -> InputError:
         """An :class:`InputError` that names the file and this table."""
-        return InputError(f"{self.source}: [{self.name}]" if self.name else self.source, problem, remedy)
+        return InputError(self.where, problem, remedy)
+
+    def errors(self, remedy: str, problem: str = "{error}") -> AbstractContextManager[None]:
+        """Let a ``ValueError`` be an :meth:`error`, whose ``problem`` has its text."""
+        return input_errors(self.where, problem, remedy, ValueError)
 
     def take(self, key: str, kind: type, default: Any = ...) -> Any:
         """The value of ``key``, which must be of ``kind`` (a whole number is a number too); required without default.
@@ -243,7 +249,5 @@ def config_from_table(kind: type[Config], table: Table) -> Config:
             hint = next(arm for arm in get_args(hint) if arm is not type(None))
         values[each.name] = table.take(each.name, hint, each.default)
     table.finish()
-    try:
+    with table.errors("correct that value"):
         return kind(**values)
-    except ValueError as error:
-        raise table.error(str(error), "correct that value") from None

@@ -135,10 +135,8 @@ def load_scene(
 def _take_frames(table: Table) -> FrameChoice:
     """A whole number, or text as :meth:`FrameChoice.parse` reads it; all frames where the key is absent."""
     value = table.take_any("frames", (int, str), ":")
-    try:
+    with table.errors('give a count, "first:end" or "first:end:stride"'):
         return FrameChoice(count=value) if isinstance(value, int) else FrameChoice.parse(value)
-    except ValueError as error:
-        raise table.error(str(error), 'give a count, "first:end" or "first:end:stride"') from None
 
 
 def _read_foreground(
@@ -166,10 +164,8 @@ def _read_foreground(
         raise table.error("identity chooses among given masks; these are subtracted", "leave it out")
     if values["identity"] and labelled:
         raise table.error("identity and labels of people both say who is tracked", "leave it out; --person chooses")
-    try:
+    with table.errors("give a value in that range"):
         return replace(default, **values)
-    except ValueError as error:
-        raise table.error(str(error), "give a value in that range") from None
 
 
 def _check_sources(
@@ -293,10 +289,8 @@ def _frames(
     open_end = named if choice.count is not None else choice
     if agreeing and open_end.count is None and open_end.end is None and len(set(counts.values())) > 1:
         raise table.error(f"cameras differ in their number of frames: {listed}", f"set frames = {shortest}")
-    try:
+    with table.errors("name frames that are there", f"{{error}} ({listed})"):
         own = named.of(range(shortest), shortest)
-    except ValueError as error:
-        raise table.error(f"{error} ({listed})", "name frames that are there") from None
     frames = own if asked is None else choice.of(own, shortest)
     for source in sources:
         if source.mask_mark is None and abs(source.frame_offset) >= shortest:

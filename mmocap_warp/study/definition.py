@@ -92,10 +92,8 @@ def _grid(grid: Table, number: int, common: dict[str, Any], scenes: dict[str, Pa
         if extras != [extra for extra in _EXTRAS if extra in extras]:
             raise grid.error(f"algorithm '{algorithm}' has another + than {list(_EXTRAS)}, in this order", "correct it")
         values = {"dof": dof, "evaluations": evaluations, "seed": seed, "runs": seeds, "preset": preset, "scale": scale}
-        try:
+        with grid.errors("correct that value"):
             config = TrackConfig(algorithm=name, polish="polish" in extras, **values)
-        except ValueError as error:
-            raise grid.error(str(error), "correct that value") from None
         config = config if config.budget else replace(config, evaluations=None)  # it searches nothing
         if sequence not in scenes and dof not in _PERSON_DOFS:  # who is in a scene of one's own is not known yet
             raise grid.error(f"dof must be one of {list(_PERSON_DOFS)}, got {dof}", "correct that value")

@@ -210,20 +210,19 @@ def _names_beside(dots_of: dict[str, list[tuple[float, float]]]) -> list[str]:
     return parts
 
 
-def budget_figure(study: StudySummary, measure: Measure, dof: int) -> str:
-    """The mean over sequences and runs against the budget, a curve per algorithm that has tracked them all."""
-    title = f"{measure.label} by budget, {dof} DOF"
-    return _by_budget(study, dof, lambda who: study.level(who, measure), measure.title, title)
+def budget_figures(study: StudySummary, measure: Measure, dof: int) -> tuple[str, str]:
+    """The mean over sequences and runs, and milliseconds per frame and run, against the budget.
 
-
-def time_figure(study: StudySummary, dof: int) -> str:
-    """Milliseconds per frame and run against the budget, a curve per algorithm."""
+    There is a curve per algorithm, of the mean for those that have tracked all sequences.
+    """
 
     def milliseconds(who: Contender) -> float:
         of = study.of_grid(algorithm=who.algorithm, dof=dof, evaluations=who.evaluations)
         return float(np.mean([1000 * seconds_per_frame(cell) for cell in of])) if of else np.nan
 
-    return _by_budget(study, dof, milliseconds, "ms per frame and run", f"Time per frame by budget, {dof} DOF")
+    title = f"{measure.label} by budget, {dof} DOF"
+    error = _by_budget(study, dof, lambda who: study.level(who, measure), measure.title, title)
+    return error, _by_budget(study, dof, milliseconds, "ms per frame and run", f"Time per frame by budget, {dof} DOF")
 
 
 def seconds_per_frame(cell: CellSummary) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mmocap_warp.study import paper
 from mmocap_warp.study.overview import missing, radii
-from mmocap_warp.study.report_figures import baseline_words, budget_figure, legend, seconds_per_frame, time_figure
+from mmocap_warp.study.report_figures import baseline_words, budget_figures, legend, seconds_per_frame
 from mmocap_warp.study.report_parts import Html, Section, Table, choice, fill
 from mmocap_warp.study.report_tables import floor_note
 from mmocap_warp.study.study_tables import algorithm_rankings, by_algorithm
@@ -100,7 +100,7 @@ def budget_section(study: StudySummary) -> Section:
     parts = []
     for measure, dof in product(study.measures, study.models):
         baselines, size = baseline_words(study, measure), extent(study.of_grid(dof=dof))
-        left, right = budget_figure(study, measure, dof), time_figure(study, dof)
+        left, right = budget_figures(study, measure, dof)
         words = {"count": len(study.sequences), "extent": size, "baselines": f" {baselines}." if baselines else ""}
         content = fill("budget-figures", left=[left], right=[right], dof=dof, **words)
         parts.append(choice(study, content, measure=measure.key, model=dof))

@@ -62,7 +62,14 @@ def run_suite(
     started, clock, load_before = datetime.now(UTC), time.perf_counter(), _machine_load()
     compiled, load = _compiled_kernels(), load or workload()
     measured: list[Measurement] = []
-    steps = _whole(plan, load) if isinstance(load, Walk) else chain(_steps(plan, load), *(each(load) for each in more))
+    if isinstance(load, Walk):
+        stages_of_walk = end_to_end(load, plan.device, plan.thread_numbers)
+        steps: Steps = (measure(cases, plan.device, 0.0) for cases in stages_of_walk)
+    else:
+        kernels = [stages(load, candidates, plan.device) for candidates in plan.kernel_candidates]
+        cases_of = chain(*kernels, evaluations(load, plan.batches, plan.thread_numbers, plan.device))
+        own = (measure(cases, plan.device, plan.seconds) for cases in cases_of)
+        steps = chain(own, *(each(load) for each in more))
     for rows in steps:
         if not measured or rows[0].group != measured[-1].group:
             report_step(rows[0].group)
@@ -82,17 +89,6 @@ def run_suite(
         "measurements": [asdict(row) for row in measured],
         "ok": all(row.ok for row in measured),
     }
-
-
-def _whole(plan: Plan, walk: Walk) -> Steps:
-    for cases in end_to_end(walk, plan.device, plan.thread_numbers):
-        yield measure(cases, plan.device, 0.0)
-
-
-def _steps(plan: Plan, load: Workload) -> Steps:
-    kernels = chain.from_iterable(stages(load, candidates, plan.device) for candidates in plan.kernel_candidates)
-    for cases in chain(kernels, evaluations(load, plan.batches, plan.thread_numbers, plan.device)):
-        yield measure(cases, plan.device, plan.seconds)
 
 
 def _compiled_kernels() -> set[str]:

@@ -100,16 +100,11 @@ def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
     They count from the bind pose, in which a robot's joints are at zero, and go on over half a turn. The poses are
     (frame, coordinate); without ``model``, a number of degrees of freedom, the default one counts.
     """
-    angles = _by_joint(skeleton, skeleton.searched_angles(model), pose)
+    angles = by_joint(skeleton, skeleton.searched_angles(model), pose)
     return {joint: {axis: _unwrap_degrees(each) for axis, each in own.items()} for joint, own in angles.items()}
 
 
-def own_shifts(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
-    """As :func:`own_angles`, the shift from the bind pose of each joint that slides: each (frame,) [m]."""
-    return _by_joint(skeleton, skeleton.searched_shifts(model), pose)
-
-
-def _by_joint(skeleton: Skeleton, coordinates: np.ndarray, pose: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+def by_joint(skeleton: Skeleton, coordinates: np.ndarray, pose: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
     """Some coordinates of poses, by joint and axis: each (frame,)."""
     values: dict[str, dict[str, np.ndarray]] = {}
     for number in coordinates:

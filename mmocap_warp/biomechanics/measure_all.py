@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mmocap_warp.biomechanics.joint_angles import held_angles, joint_angles, joints_left_out, own_angles, own_shifts
+from mmocap_warp.biomechanics.joint_angles import by_joint, held_angles, joint_angles, joints_left_out, own_angles
 from mmocap_warp.biomechanics.segments import Sex, centre_of_mass, skin_place
 from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor, walking
 from mmocap_warp.body.joint_sets import JointSet
@@ -146,7 +146,7 @@ def _measure_run(
         joints=joints,
         joint_sigma=None if result.joint_sigma is None else result.joint_sigma[run],
         angles=angles or own_angles(body.skeleton, pose, result.config.get("dof")),
-        shifts=own_shifts(body.skeleton, pose, result.config.get("dof")),
+        shifts=by_joint(body.skeleton, body.skeleton.searched_shifts(result.config.get("dof")), pose),
         feet=feet,
         walking=walking(feet, heel, joints[:, 0], seconds, up),
         centre_of_mass=centre_of_mass(body, transforms, sex),

@@ -26,11 +26,6 @@ def distort_fisheye(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
     return points * np.where(radius > 0, image_radius(np.arctan(safe), distortion) / safe, 1.0)[..., None]
 
 
-def is_in_field(points: np.ndarray) -> np.ndarray:
-    """Which points (..., 2) of the image plane at focal length 1 lie within ``FIELD`` of the axis."""
-    return np.linalg.norm(points, axis=-1) <= np.tan(FIELD)
-
-
 def pinhole_of(K: np.ndarray, size: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Intrinsics and (width, height) [px] of the pinhole that a fisheye's images are undistorted to.
 

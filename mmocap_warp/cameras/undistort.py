@@ -7,7 +7,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from mmocap_warp.cameras.fisheye import is_in_field
+from mmocap_warp.cameras.fisheye import FIELD
 from mmocap_warp.cameras.rig import CameraRig, through_lens, to_pixels
 
 _OUTSIDE = -1e4  # a pixel's coordinate, far outside any image
@@ -104,7 +104,7 @@ def undistortion(
             plane = np.stack(np.meshgrid(across, down[rows]), axis=-1)
             recorded[rows] = to_recorded(plane)
             if is_fisheye:
-                recorded[rows][~is_in_field(plane)] = _OUTSIDE
+                recorded[rows][~(np.linalg.norm(plane, axis=-1) <= np.tan(FIELD))] = _OUTSIDE
     column, row = np.moveaxis(recorded, -1, 0)
     position, fraction = cv2.convertMaps(column, row, cv2.CV_16SC2)
     return Undistortion(n, np.asarray(position), np.asarray(fraction))

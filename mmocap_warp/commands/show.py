@@ -124,13 +124,10 @@ def _others(
 ) -> list[tuple[Result, Scene | None]]:
     """Results beside one of the same frames, each with the scene of its person."""
     others = [(other, scene_of(other, file, scene, reporter)) for other, file in map(result_from, beside)]
-    if any(_seen_by(other) != _seen_by(result) for other, _ in others):
+    seen = result.frame_numbers.tolist(), result.cameras.names
+    if any((other.frame_numbers.tolist(), other.cameras.names) != seen for other, _ in others):
         raise UsageError("--beside needs results of the same frames and cameras")
     return others
-
-
-def _seen_by(result: Result) -> tuple[list[int], tuple[str, ...]]:
-    return result.frame_numbers.tolist(), result.cameras.names
 
 
 def show_all(result: Path, reporter: Reporter, force: bool) -> dict[str, Path]:

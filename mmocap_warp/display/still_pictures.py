@@ -55,8 +55,13 @@ def floor_picture(shown: Sequence[np.ndarray], rig: CameraRig, heads: np.ndarray
     views = []
     for k, image in enumerate(shown):
         canvas = image.copy()
-        for line in lines:
-            _draw_line(canvas, rig.select((rig.names[k],)), *line)
+        camera = rig.select((rig.names[k],))
+        for start, end, colour, thickness in lines:
+            pieces = max(2, int(np.ceil(np.linalg.norm(end - start) / _PIECE)) + 1)
+            for ends in map(np.array, pairwise(project(camera, np.linspace(start, end, pieces))[0])):
+                if np.isfinite(ends).all() and np.abs(ends).max() < 1e5:
+                    (x, y), (to_x, to_y) = np.rint(ends).astype(int).tolist()
+                    cv2.line(canvas, (x, y), (to_x, to_y), colour, thickness, cv2.LINE_AA)
         width = max(1, round(image.shape[1] * _ROW_HEIGHT / image.shape[0]))
         views.append(cv2.resize(canvas, (width, _ROW_HEIGHT), interpolation=cv2.INTER_AREA))
         write_text(views[-1], rig.names[k], (8, 8))
@@ -76,17 +81,6 @@ def _grid(feet: np.ndarray, up: np.ndarray) -> list[tuple[np.ndarray, np.ndarray
     x, y = (np.arange(first, last + 1) * _SQUARE for first, last in zip(low, high, strict=True))
     lines = [(a * each + b * y[0], a * each + b * y[-1]) for each in x]
     return lines + [(b * each + a * x[0], b * each + a * x[-1]) for each in y]
-
-
-def _draw_line(
-    canvas: np.ndarray, camera: CameraRig, start: np.ndarray, end: np.ndarray, colour: Colour, width: int
-) -> None:
-    pieces = max(2, int(np.ceil(np.linalg.norm(end - start) / _PIECE)) + 1)
-    for one, other in pairwise(project(camera, np.linspace(start, end, pieces))[0]):
-        ends = np.array([one, other])
-        if np.isfinite(ends).all() and np.abs(ends).max() < 1e5:
-            (x, y), (to_x, to_y) = np.rint(ends).astype(int).tolist()
-            cv2.line(canvas, (x, y), (to_x, to_y), colour, width, cv2.LINE_AA)
 
 
 def draw_body(body: BodyModel, file: str | Path) -> None:

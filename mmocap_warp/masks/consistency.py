@@ -52,7 +52,8 @@ class Consistency:
         if self._small is None:
             pixels_per_metre = np.median(self._rig.K[:, 0, 0] / _depths(self._rig, masks))
             self._small = self._rig.undistorted(float(min(1.0, _PIXELS_PER_METRE / max(pixels_per_metre, 1e-9))))
-        small = [_resized(mask, size) for mask, size in zip(masks, self._small.size, strict=True)]
+        levels = zip((np.where(mask, np.uint8(255), np.uint8(0)) for mask in masks), self._small.size, strict=True)
+        small = [cv2.resize(each, size.tolist(), interpolation=cv2.INTER_AREA) > 127 for each, size in levels]
         if not all(small[k].any() for k in seen):
             return masks
         depth = _depths(self._small, small)
@@ -152,11 +153,6 @@ class _Views:
 def _depths(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
     """(camera,) depth of the subject in each camera [m]."""
     return np.asarray((rig.R @ meeting_point(rig, masks) + rig.t)[:, 2])
-
-
-def _resized(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
-    levels = np.where(mask, np.uint8(255), np.uint8(0))
-    return np.asarray(cv2.resize(levels, size.tolist(), interpolation=cv2.INTER_AREA) > 127)
 
 
 def _apply(mask: np.ndarray, small: np.ndarray, mended: np.ndarray) -> np.ndarray:

@@ -110,18 +110,11 @@ def make_views(rig: CameraRig, device: str) -> Any:
     rows, words = int(rig.size[:, 1].max()), words_per_row(int(rig.size[:, 0].max()))
     if 8 * words >= WORDS:
         raise ValueError(f"images must be narrower than {4 * WORDS} px, got {rig.size[:, 0].max()}")
-    cameras = {"rotation": rig.R, "translation": rig.t, "lens": _lens(rig), "size": rig.size.astype(np.int32)}
+    cameras = {"rotation": rig.R, "translation": rig.t, "lens": lens_values(rig), "size": rig.size.astype(np.int32)}
     return allocated(Views, device, **cameras, observed=(len(rig), rows, words), foreground=len(rig), hidden=(0, 0, 0))
 
 
-def assign_cameras(views: Any, rig: CameraRig) -> None:
-    """Let views have other cameras, of the same sizes."""
-    views.rotation.assign(rig.R)
-    views.translation.assign(rig.t)
-    views.lens.assign(_lens(rig))
-
-
-def _lens(rig: CameraRig) -> np.ndarray:
+def lens_values(rig: CameraRig) -> np.ndarray:
     """(camera, 4) fx fy cx cy [px]."""
     return np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
 

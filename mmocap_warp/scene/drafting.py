@@ -120,8 +120,10 @@ def draft_scene(folder: Path) -> Draft:
         draft.missing.append(f"videos of {', '.join(left_out)}, which the calibration has: the scene leaves them out")
     _note_first_images(draft, media)
     # The file, a block for each table.
+    of = f", a project of {draft.project}" if draft.project else ""
+    head = f"# {visible(folder.resolve().name)}{of}. Drafted by mmocap init: read it, and correct what is wrong."
     blocks = [
-        _head(draft, folder),
+        [head, "# Paths count from this file's folder. docs/scene.md explains every key."],
         _about(draft, rig, media),
         _calibration(draft, rig_file, units, folder),
         *(_camera(draft, name, folder, rig, media) for name in draft.cameras),
@@ -172,14 +174,6 @@ def _one_take(folder: Path, files: list[Medium], names: tuple[str, ...]) -> Take
     if len(set(places)) < len(candidates):
         remedy = "move each recording into a folder of its own"
     raise InputError(folder, f"holds several recordings: {', '.join(candidates)}", remedy)
-
-
-def _head(draft: Draft, folder: Path) -> list[str]:
-    of = f", a project of {draft.project}" if draft.project else ""
-    return [
-        f"# {visible(folder.resolve().name)}{of}. Drafted by mmocap init: read it, and correct what is wrong.",
-        "# Paths count from this file's folder. docs/scene.md explains every key.",
-    ]
 
 
 def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:

@@ -33,7 +33,7 @@ from mmocap_warp.kernels.contour.outline import find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.launching import Recordings
 from mmocap_warp.kernels.structs import allocated, filled
-from mmocap_warp.masks.observation import Observation, assign_cameras, make_views
+from mmocap_warp.masks.observation import Observation, lens_values, make_views
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,9 @@ class ContourFitter:
 
     def set_cameras(self, rig: CameraRig) -> None:
         """Take other cameras, of the same sizes."""
-        assign_cameras(self._views, rig)
+        self._views.rotation.assign(rig.R)
+        self._views.translation.assign(rig.t)
+        self._views.lens.assign(lens_values(rig))
 
     def set_larger(self, larger: np.ndarray) -> None:
         """Set by how much each camera's masks reach beyond what they show (camera,) [px]; at first by nothing."""

@@ -287,7 +287,8 @@ def _motion(result: Result, pose: np.ndarray) -> dict[str, Any]:
     subject = result.subject
     transforms = Poser(subject.body, subject.root_base).joint_transforms(pose)
     turns = transforms[..., :3, :3].astype(float) @ np.swapaxes(subject.body.skeleton.frame, 1, 2)
-    return {"turn": packed_rotations(turns), "place": packed_places(transforms[..., :3, 3].astype(float))}
+    steps = np.rint(quaternions(turns) * _ROTATION_STEPS).astype(np.int16)  # x, y, z, w in 8 bytes
+    return {"turn": packed(steps), "place": packed_places(transforms[..., :3, 3].astype(float))}
 
 
 def packed(array: np.ndarray) -> Packed:
@@ -316,8 +317,3 @@ def packed_places(places: np.ndarray) -> Packed:
     step = max(float(np.nanmax(flat - low)), 1e-3) / (_UNKNOWN - 1)
     values = np.rint((places - low) / step).clip(0, _UNKNOWN - 1)
     return {"low": low.tolist(), "step": step, "values": packed(np.nan_to_num(values, nan=_UNKNOWN).astype(np.uint16))}
-
-
-def packed_rotations(rotations: np.ndarray) -> Packed:
-    """Rotations (..., 3, 3) as quaternions x, y, z, w in 8 bytes each, in steps of 1/32767."""
-    return packed(np.rint(quaternions(rotations) * _ROTATION_STEPS).astype(np.int16))

@@ -87,7 +87,9 @@ def load_scene(
     if stated_fps is not None and not 0 < stated_fps < 100_000:
         raise about.error(f"fps = {stated_fps:g} is not a frame rate", "give the frames per second of the recording")
     states_up, up = about.has("up"), about.take_choice("up", UP_AXES, "+z")
-    named_frames = _take_frames(about)
+    value = about.take_any("frames", (int, str), ":")
+    with about.errors('give a count, "first:end" or "first:end:stride"'):
+        named_frames = FrameChoice(count=value) if isinstance(value, int) else FrameChoice.parse(value)
     body, subject = take_body(about, path), about.take_file("subject", path.parent, None)
     tracked = about.take("person", str, None)
     about.finish()
@@ -130,13 +132,6 @@ def load_scene(
     )  # fmt: skip
     truth.finish()
     return scene if tracked is None else scene.of_person(tracked)
-
-
-def _take_frames(table: Table) -> FrameChoice:
-    """A whole number, or text as :meth:`FrameChoice.parse` reads it; all frames where the key is absent."""
-    value = table.take_any("frames", (int, str), ":")
-    with table.errors('give a count, "first:end" or "first:end:stride"'):
-        return FrameChoice(count=value) if isinstance(value, int) else FrameChoice.parse(value)
 
 
 def _read_foreground(

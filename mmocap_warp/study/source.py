@@ -115,7 +115,11 @@ def open_clip(clip: Clip) -> OpenClip:
     frames = min(clip.frames or scene.frame_count, scene.frame_count)
     truth = load_truth(scene.truth, scene.truth_axes, scene.truth_first_frame) if scene.truth else None
     if truth is not None:
-        truth = _renumbered(truth, scene)
+        if (scene.first_frame, scene.stride) != (0, 1):  # its frames are numbered from 0, as a clip's are
+            truth = at_rate(truth, scene.fps)
+            place = truth.frame_numbers - scene.first_frame
+            own = (place >= 0) & (place % scene.stride == 0)
+            truth = replace(truth.at_frames(own), fps=scene.rate, frame_numbers=place[own] // scene.stride)
         known = truth.frame_numbers < frames
         truth = truth.at_frames(known) if known.any() else None
     subject, masks = read_subject(clip.subject or _subject_file(scene)), islice(scene.observations(clip.scale), frames)
@@ -178,13 +182,3 @@ def _images(scene: Scene, k: int) -> list:
     resampled = [camera.rate] if camera.rate != 1.0 else []
     resampled += [camera.fraction] if camera.fraction else []
     return [files, camera.frame_offset, camera.recorded_scale, camera.recorded_offset, *resampled]
-
-
-def _renumbered(truth: Truth, scene: Scene) -> Truth:
-    """The truth of a scene's frames, numbered from 0 as a clip's are."""
-    if (scene.first_frame, scene.stride) == (0, 1):
-        return truth
-    truth = at_rate(truth, scene.fps)
-    place = truth.frame_numbers - scene.first_frame
-    own = (place >= 0) & (place % scene.stride == 0)
-    return replace(truth.at_frames(own), fps=scene.rate, frame_numbers=place[own] // scene.stride)

@@ -33,7 +33,11 @@ _REMEDY = "write the result again with `mmocap track`"
 
 def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
     """Author a rig as camera prims below a scope at ``path``; the scope's parent is the rig's world, in metres."""
-    scope, prim_names = UsdGeom.Scope.Define(stage, path), _prim_names(rig.names)
+    scope = UsdGeom.Scope.Define(stage, path)
+    prim_names: list[str] = []  # valid and distinct
+    for name in rig.names:
+        valid = Tf.MakeValidIdentifier(name)
+        prim_names.append(valid if valid not in prim_names else f"{valid}_{len(prim_names)}")
     author(scope.GetPrim(), "mmocap:cameras", prim_names)
     author(scope.GetPrim(), "mmocap:up", rig.up)
     for k, prim_name in enumerate(prim_names):
@@ -88,15 +92,6 @@ def _set_lens(camera: UsdGeom.Camera, K: np.ndarray, width: int, height: int) ->
     camera.CreateVerticalApertureOffsetAttr(((K[1, 2] + 0.5) - height / 2) * down)
     camera.CreateClippingRangeAttr(Gf.Vec2f(*_CLIPPING))
     camera.CreateFStopAttr(0.0)  # everything is sharp
-
-
-def _prim_names(names: tuple[str, ...]) -> list[str]:
-    """A valid and distinct prim name for each camera."""
-    chosen: list[str] = []
-    for name in names:
-        valid = Tf.MakeValidIdentifier(name)
-        chosen.append(valid if valid not in chosen else f"{valid}_{len(chosen)}")
-    return chosen
 
 
 _SHAPE_TOLERANCE = 0.01

@@ -44,10 +44,14 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
     Raises:
         InputError: a skeleton whose joints are not known by any of their usual names, or that does not rest upright.
     """
-    # The clip in this project's axes and the body's size, as far as it stays near.
+    # The clip in this project's axes and the body's size, as far as it stays near to where it is in the middle.
     actor = _Actor.of(clip.at_rate(fps), source)
     scale = leg_length(body) / actor.leg_length
-    actor = actor.part(_frames_in_reach(actor.place["pelvis"] * scale))
+    place = actor.place["pelvis"] * scale
+    middle = len(place) // 2
+    beyond = np.flatnonzero(np.hypot(*(place - place[middle])[:, [0, 2]].T) > _REACH)
+    begin, end = beyond[beyond < middle].max(initial=-1) + 1, beyond[beyond > middle].min(initial=len(place))
+    actor = actor.part(slice(int(begin), int(end)))
     # Root and legs: the body's hips are where the actor's are, moved to the middle.
     pelvis, hips = actor.rotation["pelvis"], (actor.place["LHip"] + actor.place["RHip"]) / 2 * scale
     posture = Posture(body, len(pelvis))
@@ -141,12 +145,3 @@ def _rest_axes(rest: dict[str, np.ndarray], source: object) -> np.ndarray:
 
 def _nearest_axis(direction: np.ndarray) -> np.ndarray:
     return np.where(np.arange(3) == np.abs(direction).argmax(), np.sign(direction), 0.0)
-
-
-def _frames_in_reach(root: np.ndarray) -> slice:
-    """The frames about the middle one in which the root stays near to where it is then."""
-    middle = len(root) // 2
-    beyond = np.flatnonzero(np.hypot(*(root - root[middle])[:, [0, 2]].T) > _REACH)
-    first = beyond[beyond < middle].max(initial=-1) + 1
-    last = beyond[beyond > middle].min(initial=len(root))
-    return slice(int(first), int(last))

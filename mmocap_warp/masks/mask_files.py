@@ -71,16 +71,11 @@ def open_masks(path: Path) -> Masks:
 def _read(path: Path, member: Path | TarMember) -> np.ndarray | Labels:
     if isinstance(member, TarMember):
         return decode_mask_image(read_member(path, member), path / member.name)
-    return read_mask_image(member)
-
-
-def read_mask_image(file: Path) -> np.ndarray | Labels:
-    """A mask's image file, unchanged; of an indexed PNG its objects."""
-    return decode_mask_image(frames.read_file(file), file)
+    return decode_mask_image(frames.read_file(member), member)
 
 
 def decode_mask_image(data: bytes, source: object) -> np.ndarray | Labels:
-    """The content of a mask's image file, unchanged; ``source`` names it in messages."""
+    """The content of a mask's image file, unchanged, of an indexed PNG its objects; ``source`` names it in messages."""
     labels = palette_labels(data)
     return frames.decode_image(data, source) if labels is None else labels
 

@@ -20,7 +20,8 @@ from subprocess import DEVNULL, STDOUT
 from typing import Any
 
 from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.masks.mask_files import read_mask_image
+from mmocap_warp.masks.frames import read_file
+from mmocap_warp.masks.mask_files import decode_mask_image
 
 _PATIENCE = 600.0  # seconds that a program may go on without a new mask or a word: it may load a large model first
 _LOOK_INTERVAL = 0.2  # seconds between two looks at what a program has made
@@ -97,7 +98,7 @@ class MaskProgram:
 def _fault(mask: Path, size: tuple[int, int]) -> str | None:
     """What is wrong with a mask."""
     try:
-        height, width = read_mask_image(mask).shape[:2]
+        height, width = decode_mask_image(read_file(mask), mask).shape[:2]
     except InputError as error:
         return error.problem if mask.exists() else "has no mask"
     return None if (width, height) == size else f"its mask is {width}x{height}, the frame is {size[0]}x{size[1]}"

@@ -45,11 +45,6 @@ _DIGIT = 8.0  # width of a digit on an axis, with the room around it
 Place = tuple[float, float]
 
 
-def tick_label(value: float) -> str:
-    """A value on an axis."""
-    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:g}"
-
-
 @dataclass(frozen=True)
 class Axis:
     """Maps values to a figure's coordinates, evenly or evenly in their logarithm."""
@@ -59,7 +54,8 @@ class Axis:
     start: float  # coordinate of ``low``
     stop: float  # coordinate of ``high``
     ticks: tuple[float, ...]  # values that are marked
-    word: Callable[[float], str] = tick_label  # how a tick is written
+    # How a tick is written.
+    word: Callable[[float], str] = lambda value: f"{value:,.0f}" if abs(value) >= 1000 else f"{value:g}"
     logarithmic: bool = False  # whether the axis is
     kind: str = ""  # the class of its words: ``name`` where they are names of things, not values
 

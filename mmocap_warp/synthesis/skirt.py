@@ -58,7 +58,9 @@ class SkirtPoser(ExactPoser):
 
     def _skirt_vertices(self, under: np.ndarray, heading: float) -> np.ndarray:
         """The skirt's vertices, from the skin ``under`` it (vertex, 3); both from the root, in upright axes."""
-        heights = self._heights
+        index = self._body.skeleton.index
+        waist, knee = (self._joint_rest[index(joint), 1] - self._joint_rest[0, 1] for joint in ("BottomSpine", "LKnee"))
+        heights = np.linspace(waist, _HEM * knee, _LEVELS)  # of the rings over the root joint, from the waist down [m]
         angle = heading + np.arange(_SIDES) * (2 * np.pi / _SIDES)
         directions = np.stack([np.sin(angle), np.cos(angle)])  # (axis, side)
         reach = under[:, [0, 2]] @ directions  # (vertex, side)
@@ -75,13 +77,6 @@ class SkirtPoser(ExactPoser):
     def _covered(self) -> np.ndarray:
         """(vertex,) bool, of the body's own skin."""
         return led_by(self._body, *_JOINTS_UNDER)[:-_VERTICES]
-
-    @cached_property
-    def _heights(self) -> np.ndarray:
-        """(level,) of the rings over the root joint, from the waist down [m]."""
-        index = self._body.skeleton.index
-        waist, knee = (self._joint_rest[index(joint), 1] - self._joint_rest[0, 1] for joint in ("BottomSpine", "LKnee"))
-        return np.linspace(waist, _HEM * knee, _LEVELS)
 
 
 def _convex_band(reach: np.ndarray) -> np.ndarray:

@@ -124,8 +124,10 @@ def filled(template: str, *, title: str, script: str, style: str, connects: str 
     The title is plain text; ``parts`` are what else the template names, as markup; ``connects`` says where to the
     script may connect, as in a content security policy.
     """
+    digests = (hashlib.sha256(text.encode()).digest() for text in (style, script))
+    style_hash, script_hash = (base64.b64encode(digest).decode() for digest in digests)  # which the policy allows
     head = Template(resource("mmocap_warp.display.page", "head.html")).substitute(
-        title=escape(title), connects=connects, style=style, style_hash=_hash(style), script_hash=_hash(script)
+        title=escape(title), connects=connects, style=style, style_hash=style_hash, script_hash=script_hash
     )
     return Template(template).substitute(parts, head=head, title=escape(title), script=script)
 
@@ -133,8 +135,3 @@ def filled(template: str, *, title: str, script: str, style: str, connects: str 
 def embedded(data: dict[str, Any]) -> str:
     """JSON that no browser takes for markup, whatever names it holds."""
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-
-
-def _hash(text: str) -> str:
-    """The hash by which a content security policy names a text that it allows."""
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -2,5 +2,5 @@
 
 What writes a file raises InputError for a name of another ending or a folder that cannot be written to.
 
-May import: body, cameras, result, biomechanics, formats, scene, tracking.
+May import: body, cameras, masks, result, biomechanics, formats, scene, tracking.
 """

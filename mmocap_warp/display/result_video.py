@@ -19,6 +19,7 @@ from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.display.overlay import INK, Look, ViewedBody, Window, draw_view, legend, plain, text_width, write_text
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.image_files import WebmFile, write_animation, write_png
+from mmocap_warp.masks.frames import evenly_spread
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.scene.frame_choice import read_ahead
 from mmocap_warp.scene.recording import Scene
@@ -82,7 +83,8 @@ def show(
     bodies = [_project_run(each, each.best_run, looks[i] if looks else None) for i, each in enumerate(results)]
     layout, count = layout or video_layout(result, others=results[1:]), len(result.frame_numbers)
     seconds = slow * count / result.rate
-    on_sheet, on_strip = _spread(count, _SHEET_FRAMES), _spread(count, min(_STRIP_FRAMES, int(_STRIP_RATE * seconds)))
+    in_strip = max(1, min(_STRIP_FRAMES, int(_STRIP_RATE * seconds)))
+    on_sheet, on_strip = evenly_spread(count, _SHEET_FRAMES), evenly_spread(count, in_strip)
     crops, small = _sheet_windows(bodies, on_sheet), _strip_windows(layout.windows)
     unnumbered = [replace(body, iou=None) for body in bodies]
     cells: list[list[np.ndarray]] = []
@@ -115,11 +117,6 @@ def show(
         write_png(sheet, _contact_sheet(results[0], on_sheet, cells, numbered=not looks))
     if strip:
         write_animation(strip, strips, seconds / len(strips))
-
-
-def _spread(count: int, most: int) -> list[int]:
-    """Up to ``most`` of ``count`` frames, evenly; one at least."""
-    return np.unique(np.linspace(0, count - 1, max(most, 1)).round().astype(int)).tolist()
 
 
 def overlay(
@@ -312,7 +309,8 @@ def video_layout(result: Result, whole: bool = False, others: Sequence[Result] =
     sizes, count = result.cameras.size.astype(float), len(result.frame_numbers)
     boxes = np.stack([np.zeros_like(sizes), sizes], axis=1)
     if not whole:
-        boxes = _boxes([_project_run(each, each.best_run) for each in (result, *others)], _spread(count, _BOX_FRAMES))
+        bodies = [_project_run(each, each.best_run) for each in (result, *others)]
+        boxes = _boxes(bodies, evenly_spread(count, _BOX_FRAMES))
     # Boxes grow to one shape, as far as the images reach: then they fill the cells of a grid.
     extent = boxes[:, 1] - boxes[:, 0]
     shape = float(np.median(extent[:, 0] / extent[:, 1]))

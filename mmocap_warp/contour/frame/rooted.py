@@ -192,13 +192,10 @@ class Rooting:
     def _left_angles(self, rooted: RootedPoses) -> np.ndarray:
         """(frame, 3) the root's angles from the one base, between minus and plus half a turn."""
         turned = self._into_frame @ transposed(self.root_base) @ rooted.base @ self._frame
-        return _zyx_angles(turned @ zyx_rotation(rooted.pose[:, ROOT_ANGLES]))
-
-
-def _zyx_angles(rotation: np.ndarray) -> np.ndarray:
-    """(..., 3) angles Rx, Ry, Rz of rotations ``Rz @ Ry @ Rx``, which they give back at a quarter turn too."""
-    z = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
-    rest = transposed(turn("z", z)) @ rotation  # Ry @ Rx, whose second row is (0, cos x, -sin x)
-    x = np.arctan2(-rest[..., 1, 2], rest[..., 1, 1])
-    y = np.arctan2(-rest[..., 2, 0], rest[..., 0, 0])
-    return np.stack([x, y, z], axis=-1)
+        rotation = turned @ zyx_rotation(rooted.pose[:, ROOT_ANGLES])
+        # Angles of Rz @ Ry @ Rx, which give the rotation back at a quarter turn too.
+        z = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
+        rest = transposed(turn("z", z)) @ rotation  # Ry @ Rx, whose second row is (0, cos x, -sin x)
+        x = np.arctan2(-rest[..., 1, 2], rest[..., 1, 1])
+        y = np.arctan2(-rest[..., 2, 0], rest[..., 0, 0])
+        return np.stack([x, y, z], axis=-1)

@@ -22,6 +22,8 @@ _END = np.radians(150.0)  # limit of a hinge at a limb's end, such as a paw's, w
 _SWING, _TWIST = np.radians(80.0), np.radians(45.0)  # limits of the joint at which a limb begins
 _SPINE = np.radians(45.0)  # limit of spines, necks and tails, about each axis
 _TRAVEL = 0.02  # a joint that slides by less is not searched, as a share of the mesh's extent
+_MARGIN = np.radians(10.0)  # limits are wider than what motions show
+_FARTHEST = np.radians([180.0, 85.0, 180.0])  # that any angle may be; at 90 the middle one would lock the others
 
 
 @dataclass(frozen=True)
@@ -79,10 +81,18 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             free = "x" if not how.slides or least_travel <= how.upper - how.lower < np.inf else ""
             frame = hinge_frame(how.axis, ends[joint] - place[joint])
             freedoms.append(Freedom(frame, free, limits, "file", how.slides))
+        elif below[joint] == 0 or joint in handles:
+            freedoms.append(Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
+        elif len(turns):  # it turns as far as its motions show; a hinge stays one
+            own = freedom.frame.T @ turns[:, joint] @ freedom.frame
+            angles = continuous_zyx_angles(own, np.tile([-np.pi, np.pi], (3, 1)))
+            reach = np.concatenate([angles - _MARGIN, angles + _MARGIN, freedom.limits.T]).clip(-_FARTHEST, _FARTHEST)
+            limits = np.stack([reach.min(axis=0), reach.max(axis=0)], axis=1)
+            limits[[axis not in freedom.free for axis in "xyz"]] = 0.0
+            freedoms.append(replace(freedom, limits=limits))
         else:
-            held = Freedom(freedom.frame, "", np.zeros((3, 2)), "derived")
-            freedoms.append(held if below[joint] == 0 or joint in handles else freedom)
-    return _as_seen(turns, freedoms)
+            freedoms.append(freedom)
+    return freedoms
 
 
 def _limbs(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[list[int]]:
@@ -95,24 +105,6 @@ def _turns(mesh: RiggedMesh) -> np.ndarray:
     """(frame, joint, 3, 3) rotation of each joint from its bind pose in what it hangs on, in all motions."""
     turned = all_frames(mesh)[..., :3, :3] @ transposed(mesh.bind[:, :3, :3])
     return transposed(turned[:, list(mesh.parent)]) @ turned
-
-
-_MARGIN = np.radians(10.0)  # limits are wider than what motions show
-_FARTHEST = np.radians([180.0, 85.0, 180.0])  # that any angle may be; at 90 the middle one would lock the others
-
-
-def _as_seen(turns: np.ndarray, freedom: list[Freedom]) -> list[Freedom]:
-    """Freedom in which joints whose file says nothing turn as far as its motions show; a hinge stays one."""
-    found = list(freedom)
-    for joint, how in enumerate(freedom):
-        if joint == 0 or not how.free or how.origin != "derived" or not len(turns):
-            continue
-        angles = continuous_zyx_angles(how.frame.T @ turns[:, joint] @ how.frame, np.tile([-np.pi, np.pi], (3, 1)))
-        reach = np.concatenate([angles - _MARGIN, angles + _MARGIN, how.limits.T]).clip(-_FARTHEST, _FARTHEST)
-        limits = np.stack([reach.min(axis=0), reach.max(axis=0)], axis=1)
-        limits[[axis not in how.free for axis in "xyz"]] = 0.0
-        found[joint] = replace(how, limits=limits)
-    return found
 
 
 def held_as_seen(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[RiggedMesh, list[Freedom]]:

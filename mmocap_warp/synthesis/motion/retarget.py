@@ -90,8 +90,15 @@ class _Actor:
     @classmethod
     def of(cls, clip: MotionClip, source: object) -> Self:
         joints = _find_joints(clip, source)
-        axes = _rest_axes({name: clip.rest[j] for name, j in joints.items()}, source)
-        rest = {name: clip.rest[j] @ axes for name, j in joints.items()}
+        # The body's axes in the file's, from a rest pose that stands upright; they follow the file's axes.
+        at = {name: clip.rest[j] for name, j in joints.items()}
+        up = _nearest_axis(at["head"] - (at["LAnkle"] + at["RAnkle"]) / 2)
+        left = _nearest_axis(at["LHip"] - at["RHip"])
+        if abs(up @ left) > 0.5:
+            problem = "its rest pose does not stand along an axis"
+            raise InputError(source, problem, "give a clip whose rest pose is upright")
+        axes = np.stack([left, up, np.cross(left, up)], axis=1)
+        rest = {name: place @ axes for name, place in at.items()}
         place = {name: clip.place[:, j] @ axes for name, j in joints.items()}
         return cls(rest, place, {name: axes.T @ clip.rotation[:, j] @ axes for name, j in joints.items()})
 
@@ -132,15 +139,6 @@ def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
 
 def _other_side(name: str) -> str:
     return name.replace("left", "right") if name.startswith("left") else f"r{name[1:]}"
-
-
-def _rest_axes(rest: dict[str, np.ndarray], source: object) -> np.ndarray:
-    """(3, 3), the body's axes in the file's, from a rest pose that stands upright; they follow the file's axes."""
-    up = _nearest_axis(rest["head"] - (rest["LAnkle"] + rest["RAnkle"]) / 2)
-    left = _nearest_axis(rest["LHip"] - rest["RHip"])
-    if abs(up @ left) > 0.5:
-        raise InputError(source, "its rest pose does not stand along an axis", "give a clip whose rest pose is upright")
-    return np.stack([left, up, np.cross(left, up)], axis=1)
 
 
 def _nearest_axis(direction: np.ndarray) -> np.ndarray:

@@ -87,7 +87,7 @@ def _track(call: Any, console: Console, scene: Scene, output: Path, whole: bool,
     tracked: Result = call(scene=scene, output=output, **changes, **resumed)
     # Cameras that disagree are refined, unless something else is asked for.
     asked = (settings and settings.cameras) or "cameras" in scene.track or "mended" in tracked.config
-    if whole and not asked and tracked.config["cameras"] != REFINE and verdict(tracked)["cameras"]:
+    if whole and not asked and tracked.config.get("cameras") != REFINE and verdict(tracked)["cameras"]:
         console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
         try:
             tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})

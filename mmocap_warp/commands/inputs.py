@@ -192,8 +192,10 @@ def scene_of(
         except ValueError:  # it has not these
             found = load_scene(named, identity=identity)
     found = found.of_person(person) if person in found.people else found
-    refined = None if path is None or "refined_cameras" not in known else path.with_name(known["refined_cameras"])
-    return found if refined is None or not refined.exists() else with_refined(found, refined)
+    if not isinstance(made, Result) or path is None or found.calibrated.names != made.cameras.names:
+        return found
+    refined = made.config.get("refined_cameras")
+    return with_refined(found, kept) if refined and (kept := path.with_name(refined)).exists() else found
 
 
 def with_refined(scene: Scene, file: Path) -> Scene:

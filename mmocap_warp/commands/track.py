@@ -31,7 +31,8 @@ from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking import frame_loop, mending
 from mmocap_warp.tracking.checkpoint import asked_for
 from mmocap_warp.tracking.pins import Pins, read_pins
-from mmocap_warp.tracking.track_config import REFINE, TrackConfig
+from mmocap_warp.tracking.track_config import AS_GIVEN, REFINE, TrackConfig
+from mmocap_warp.whole_file import write_whole
 
 _UNDECIDED = {
     "turned": "fit: the masks do not tell which way the subject faces; it may be back to front",
@@ -211,6 +212,8 @@ def track(
         others = {"subject": subject, "body": body, "resume": resume, "pieces": pieces > 1}
         if given_too := [name for name, value in others.items() if value]:
             raise UsageError(f"--again cannot be given with --{given_too[0]}: what it names is solved anew in part")
+        if pins is not None and frames is not None:
+            raise UsageError("--frames cannot be given with --pins, which say themselves what is solved anew")
     elif pins is not None:
         raise UsageError("--pins needs --again, the result whose frames were pinned")
     subject, body = _starts_from(subject, body)
@@ -288,7 +291,7 @@ def _complete(file: Path, asked: str, cameras: str | None, reporter: Reporter) -
     """The result that is there; an InputError if something else was ``asked`` for then, or other ``cameras``."""
     done = read_result(file)
     # Versions before 30 November 2026 do not say what was asked for.
-    if done.config.get("asked", asked) != asked or cameras not in (None, done.config["cameras"]):
+    if done.config.get("asked", asked) != asked or cameras not in (None, done.config.get("cameras", AS_GIVEN)):
         problem = "is of other frames, settings, cameras or masks than are asked for now, or of another subject or body"
         raise InputError(file, problem, "replace it with --force, or write elsewhere")
     reporter.note(f"{file} is complete")
@@ -332,7 +335,7 @@ def _again(
 
     if (refined := result.config.get("refined_cameras")) is not None:
         if path is None or not (kept := path.with_name(refined)).exists():
-            remedy = "track with an output, and keep the calibration beside it"
+            remedy = "give its file, beside which they were written" if path is None else "copy them there"
             raise InputError(path or "result", f"its refined cameras ({refined}) are not beside it", remedy)
         loaded = inputs.with_refined(loaded, kept)
     of_scene, of_result = ((rig.K, rig.R, rig.t) for rig in (loaded.rig(own.scale), result.cameras))
@@ -345,6 +348,9 @@ def _again(
     spans = ", ".join(f"{first} to {last}" for first, last in (each["frames"] for each in changed))
     reporter.note(f"again: frames {spans} are new" if spans else "again: nothing better was found")
     mended = replace(mended, config=mended.config | inputs.scene_reference(loaded, file))
+    if file is not None and path is not None and refined is not None:  # they lie beside the new result, too
+        mended.config["refined_cameras"] = f"{file.stem}.calibration.toml"
+        write_whole(file.with_name(mended.config["refined_cameras"]), path.with_name(refined).read_bytes())
     if file is not None:
         write_result(file, mended)
     return mended

@@ -9,10 +9,12 @@ import pytest
 from moving_person import BODY, FPS, RIG, subject, write_scene
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.calibration import camera_check
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, ROTATION, Deviations, changed, difference
 from mmocap_warp.calibration.adjust.silhouette_agreement import landmarks
 from mmocap_warp.calibration.camera_check import CameraCheck, check, gross_mistake
+from mmocap_warp.calibration.first_look import FirstLook
 from mmocap_warp.calibration.refine.refinement import Refinement, refine
 from mmocap_warp.errors import InputError
 
@@ -124,6 +126,13 @@ def test_no_camera_of_a_sound_rig_disagrees(tmp_path):
     assert found.covered.min() > 0.95
     assert found.overlap is not None
     assert found.overlap.min() > 0.8
+
+
+def test_a_view_of_something_else_is_named(tmp_path, monkeypatch):
+    """It adds nothing to the errors of the cameras."""
+    problem = f"{RIG.names[1]} shows something else than the others"
+    monkeypatch.setattr(camera_check, "look", lambda scene, body: FirstLook(problem))
+    assert [finding.words for finding in checked(tmp_path, planted()).findings] == [problem]
 
 
 def test_mirrored_swapped_and_wrongly_sized_pictures_are_told_by_points(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,8 +16,8 @@ from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, changed
 from mmocap_warp.calibration.refine import refinement
 from mmocap_warp.calibration.refine.refinement import Overlaps, Refinement
 from mmocap_warp.commands import track
-from mmocap_warp.commands.inputs import track_settings
-from mmocap_warp.errors import InputError
+from mmocap_warp.commands.inputs import scene_of, track_settings
+from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.scenes import ROOT
 
@@ -198,3 +199,41 @@ def test_large_images_are_scaled_until_the_subject_has_220_to_440_pixels(tall, s
     assert track_settings(large, {}, mm.TrackConfig()).scale == 1.0
     assert track_settings(large, {}, None, seen=False).scale == 0.5
     assert looked == [1]
+
+
+def test_a_complete_result_says_which_cameras_it_has(tmp_path):
+    scene, subject = walk_and_subject()
+    asked = {"output": tmp_path / "r.usdc", "resume": True, **SETTINGS}
+    mm.track(scene, subject, **asked)
+    mm.track(scene, subject, **asked, cameras="as given")
+    with pytest.raises(InputError, match=r"r\.usdc: is of other frames, settings, cameras"):
+        mm.track(scene, subject, **asked, cameras="refine")
+
+
+def test_a_result_that_is_mended_elsewhere_has_its_refined_cameras_there(tmp_path, monkeypatch):
+    scene, subject = walk_and_subject()
+    refining(monkeypatch, scene, 0.05)
+    mm.track(scene, subject, output=tmp_path / "r.usdc", **SETTINGS, cameras="refine")
+    (tmp_path / "other").mkdir()
+    for name in ("m.usdc", "n.usdc"):  # the second one begins with the first
+        again = tmp_path / "r.usdc" if name == "m.usdc" else tmp_path / "other" / "m.usdc"
+        mended = mm.track(scene, again=again, frames="1:2", output=tmp_path / "other" / name)
+    assert mended.config["refined_cameras"] == "n.calibration.toml"
+    refined = scene_of(mended, tmp_path / "other" / "n.usdc", scene).calibrated
+    assert not np.allclose(refined.R[1], scene.calibrated.R[1])
+
+
+def test_what_says_how_a_subject_is_fitted_is_refused_beside_one():
+    scene, subject = walk_and_subject()
+    for given in ({"body": "adult_woman"}, {"rigid": True}):
+        with pytest.raises(UsageError, match="body and rigid say how a subject is fitted"):
+            mm.track(scene, subject, **SETTINGS, **given)
+
+
+def test_a_scene_of_cameras_that_end_apart_is_opened_for_the_frames_of_a_result(tmp_path):
+    shutil.copytree(ROOT / "walk", tmp_path / "walk")
+    for mask in sorted((tmp_path / "walk" / "masks" / "cam1").glob("*.png"))[-4:]:
+        mask.unlink()
+    scene = mm.load_scene(tmp_path / "walk", "0:2")
+    result = mm.track(scene, walk_and_subject()[1], **SETTINGS)
+    assert scene_of(result, None, None).frame_count == 2

@@ -18,7 +18,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.masks.cleanup import clean_mask
 from mmocap_warp.masks.frames import open_frames, read_image, wrong_numbers
 from mmocap_warp.masks.mask_image import decode_mask
-from mmocap_warp.masks.mask_settings import GIVEN, SUBTRACTED, ForegroundSettings
+from mmocap_warp.masks.mask_settings import GIVEN, SUBTRACTED, ForegroundSettings, subtracted
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.subtraction import learn_background
 from mmocap_warp.masks.visual_hull import repair_masks, visual_hull
@@ -376,3 +376,10 @@ def test_people_who_cross_are_told_apart_by_where_the_body_is() -> None:
 
         assert (kept & mine).sum() == mine.sum()
     assert not (kept & theirs).any()
+
+
+def test_small_images_are_cleaned_in_proportion():
+    assert subtracted(1920) == subtracted(4000) == SUBTRACTED
+    small = subtracted(640)
+    assert (small.median, small.close) == pytest.approx((4.0, 20 / 3))
+    assert (small.fill_holes, small.min_area) == pytest.approx((1000 / 9, 2000 / 9))

@@ -82,6 +82,9 @@ def test_frames_of_uneven_steps_are_filled_in():
     filled = evenly(result.at([0, 1, 2, 5, 8]))
     np.testing.assert_array_equal(filled.frame_numbers, result.frame_numbers)
     np.testing.assert_allclose(filled.joints()[:, [0, 1, 2, 5, 8]], result.joints()[:, [0, 1, 2, 5, 8]], atol=1e-6)
+    strided = evenly(result.at([0, 2, 8]))
+    assert strided.frame_numbers.tolist() == [10, 12, 14, 16, 18]
+    assert (strided.fps, strided.rate) == (result.fps, result.fps / 2)
 
 
 def test_one_run_and_the_track_before_smoothing():

@@ -202,3 +202,9 @@ def test_frames_that_repeat_do_not_count():
         "6 more frames repeat the one before, and count as not seen",
         "cam03 is frozen in frames 12 to 13 (2 in all), and left out there",
     ]
+
+
+def test_a_view_lies_beside_nobody_where_it_shows_nobody():
+    shift = MOVED.copy()
+    shift[0, 10, 1] = np.nan
+    assert judged(view_shift=shift, fps=4.0)["moved"] == {"cam02": [17, 18, 19, 21]}

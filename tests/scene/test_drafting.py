@@ -92,6 +92,17 @@ def test_images_that_begin_at_other_numbers_are_told(project: Path) -> None:
     assert told.startswith("images begin with unlike numbers (cam01 0, cam02 10, cam03 20)")
 
 
+def test_masks_that_begin_at_other_numbers_are_told_though_there_are_videos(videos: Path, project: Path) -> None:
+    write_toml_rig(project / "calibration.toml", RIG)
+    lay_out(videos, project, "videos/{}.mkv")
+    for k, name in enumerate(RIG.names):
+        (project / "masks" / name).mkdir(parents=True)
+        for frame in range(2):
+            image = project / "masks" / name / f"{3 * k + frame:04d}.png"
+            cv2.imwrite(str(image), ball_mask(k, frame).astype(np.uint8) * 255)
+    assert any("unlike numbers (cam01 0, cam02 3, cam03 6)" in line for line in draft_scene(project).found)
+
+
 def test_images_do_not_tell_the_rate(project: Path) -> None:
     write_easymocap(project, RIG, "R", size=False)
     for name in RIG.names:

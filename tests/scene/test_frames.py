@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from ball_scene import FRAMES, HEIGHT, RIG, WIDTH, ball_mask, ball_scene, edit
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.scene.frame_choice import FrameChoice, as_range
 from mmocap_warp.scene.scene_toml import load_scene
 
@@ -51,7 +51,7 @@ def test_frames_that_there_are_not(text: str) -> None:
 def test_frame_numbers_as_a_range() -> None:
     assert as_range([3]) == range(3, 4)
     assert list(as_range([3, 5, 7])) == [3, 5, 7]
-    with pytest.raises(ValueError, match="evenly spaced"):
+    with pytest.raises(UsageError, match="evenly spaced"):
         as_range([3, 5, 8])
 
 

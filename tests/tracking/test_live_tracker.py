@@ -23,7 +23,7 @@ from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_loop import track_observations
 from mmocap_warp.tracking.live import LiveTracker
 from mmocap_warp.tracking.live_process import LiveHere, LiveProcess, make_live
-from mmocap_warp.tracking.live_smoothing import LiveFrame
+from mmocap_warp.tracking.live_smoothing import LiveFrame, SmoothingProcess
 from mmocap_warp.tracking.track_config import TrackConfig
 
 CONFIG = TrackConfig("contour", device="cpu", threads=1)
@@ -245,3 +245,21 @@ def test_a_process_beside_outlives_the_signals_that_its_parent_winds_up_on(grace
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (code, "answers\n"), done.stderr
+
+
+def test_a_frame_is_handed_on_once_its_answer_was_given(monkeypatch):
+    handed = []
+    monkeypatch.setattr(SmoothingProcess, "hand_on", lambda self, person, number, *_: handed.append(number))
+    monkeypatch.setattr(SmoothingProcess, "rest", lambda self, person: iter(()))
+    seen = motion("cpu")[1]
+    with closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
+        handed.clear()  # the rehearsal's
+        tracker.step(0, seen[0])
+        assert handed == []
+        list(tracker.smoothed())
+        assert handed == [0]
+        tracker.step(1, seen[1])
+        tracker.step(2, seen[2])
+        assert handed == [0, 1]
+        list(tracker.rest())
+        assert handed == [0, 1, 2]

@@ -12,6 +12,7 @@ import mmocap_warp as mm
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.tracking import mending
@@ -111,6 +112,8 @@ def test_what_is_solved_again_must_be_said(scene, sound):
         mm.track(scene, pins=[])
     with pytest.raises(UsageError, match="scale cannot be given with again"):
         mm.track(scene, again=sound, frames="3:5", scale=0.5)
+    with pytest.raises(UsageError, match="frames cannot be given with pins"):
+        mm.track(scene, again=sound, frames="3:5", pins=[clicked(scene, sound, 4, "LWrist")])
 
 
 def test_a_result_of_other_cameras_is_refused(scene, sound):
@@ -124,3 +127,27 @@ def test_a_result_of_somebody_else_is_refused(scene, sound):
     other = replace(sound, config=sound.config | {"person": "anna"})
     with pytest.raises(InputError, match="is of anna, not of somebody without a name; give its own scene and --person"):
         mm.track(scene, again=other, frames="3:9")
+
+
+def test_a_scene_that_has_changed_since_is_refused(scene, sound, tmp_path):
+    turned = replace(scene.calibrated, K=scene.calibrated.K + np.array([[0, 0, 25.0], [0, 0, 0], [0, 0, 0]]))
+    with pytest.raises(InputError, match="its cameras are not those of the result; give the calibration of then"):
+        mm.track(replace(scene, calibrated=turned), again=sound, frames="3:9")
+    later = replace(sound, frame_numbers=sound.frame_numbers + 60)
+    with pytest.raises(InputError, match=r"has \d+ frames, the result goes to frame 89"):
+        mm.track(scene, again=later, frames="3:9")
+    with pytest.raises(InputError, match="is of the identity 3 in the masks; give the same --identity"):
+        mm.track(scene, again=replace(sound, config=sound.config | {"identity": 3}), frames="3:9")
+    refined = replace(sound, config=sound.config | {"refined_cameras": "r.calibration.toml"})
+    with pytest.raises(InputError, match=r"\(r\.calibration\.toml\) are not beside it; give its file"):
+        mm.track(scene, again=refined, frames="3:9")
+    write_result(tmp_path / "r.usdc", refined)
+    with pytest.raises(InputError, match=r"r\.usdc: its refined cameras .* are not beside it; copy them there"):
+        mm.track(scene, again=tmp_path / "r.usdc", frames="3:9")
+
+
+def test_pins_alone_say_which_frames_are_solved(scene, sound, monkeypatch):
+    asked = []
+    monkeypatch.setattr(mending, "mended", lambda scene, result, config, pins, span: asked.append(span) or result)
+    mm.track(scene.of_frames(range(14)), again=sound, pins=[clicked(scene, sound, 4, "LWrist")])
+    assert asked == [None]

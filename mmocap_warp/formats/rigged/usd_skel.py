@@ -65,8 +65,8 @@ def _read_character(
     placed = np.array(place(skeleton.GetPrim()), float).T
     up = "+y" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else "+z"
     # A track's body is bound with +Y up, whichever axis is up in its recording.
-    is_track = all(map(stage.GetPrimAtPath, (_CAMERAS, skeleton.GetPath().ReplaceName("Skin"))))
-    if is_track and np.allclose(placed.T, place(stage.GetPrimAtPath("/World"))):
+    is_track = skeleton.GetPath().HasPrefix("/World") and stage.GetPrimAtPath(skeleton.GetPath().ReplaceName("Skin"))
+    if is_track and stage.GetPrimAtPath(_CAMERAS) and np.allclose(placed.T, place(stage.GetPrimAtPath("/World"))):
         placed = _UPRIGHT if up == "+z" else np.eye(4)
     bind = placed @ bind
 

@@ -19,6 +19,7 @@ from mmocap_warp.body.joint_sets import joint_set
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.exports.glb import write_glb
 from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
 from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.formats.table import EXPORTS, POINT_CACHES, export, format_of
@@ -327,3 +328,12 @@ def test_a_mot_by_a_joint_set_has_the_angles_that_are_measured_by_its_centres(tm
     for name, angle in expected.items():
         np.testing.assert_allclose(found[name], angle, rtol=0, atol=1e-6)
     assert np.abs(found["LKnee_flexion"] - own["LKnee"]["flexion"]).min() > 1
+
+
+def test_people_in_a_glb_keep_their_times(tmp_path: Path) -> None:
+    result = synthetic_result(frames=6, runs=1)
+    write_glb({"late": result.at(range(3, 6)), "whole": result}, tmp_path / "two.glb")
+    file = Glb(tmp_path / "two.glb")
+    inputs = [sampler["input"] for each in file.json["animations"] for sampler in each["samplers"]]
+    assert {round(float(file.array(each)[0, 0]), 6) for each in inputs} == {0.0, round(3 / result.fps, 6)}
+    assert file.json["asset"]["extras"]["first_frame"] == 10

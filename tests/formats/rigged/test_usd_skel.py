@@ -109,3 +109,22 @@ def test_a_track_in_a_world_whose_z_is_up_is_bound_standing(tmp_path: Path) -> N
     turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
     assert read.up == "+z"
     np.testing.assert_allclose(read.bind[:, :3, 3], read_usd_skel(body).bind[:, :3, 3] @ turn.T, atol=1e-6)
+
+
+@pytest.mark.parametrize("up", ["-z", "+x", "-x", "-y"])
+def test_a_track_of_any_world_is_bound_standing(tmp_path: Path, up: str) -> None:
+    result, track = synthetic_result(up=up), tmp_path / "track.usda"
+    export_animation(result, track)
+    read = read_usd_skel(track)
+    height = np.ptp(result.subject.body.skin.rest[:, 1])
+    assert np.ptp(read.vertex[:, "xyz".index(read.up[1])]) == pytest.approx(height, rel=1e-5)
+
+
+def test_cameras_in_somebody_elses_stage_lay_nobody_down(tmp_path: Path) -> None:
+    dog, path = quadruped(), tmp_path / "dog.usda"
+    write_body(path, dog)
+    stage = Usd.Stage.Open(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.Scope.Define(stage, "/World/Cameras")
+    stage.Save()
+    np.testing.assert_allclose(read_usd_skel(path).vertex, dog.skin.rest, atol=1e-6)

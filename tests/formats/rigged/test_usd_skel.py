@@ -128,3 +128,16 @@ def test_cameras_in_somebody_elses_stage_lay_nobody_down(tmp_path: Path) -> None
     UsdGeom.Scope.Define(stage, "/World/Cameras")
     stage.Save()
     np.testing.assert_allclose(read_usd_skel(path).vertex, dog.skin.rest, atol=1e-6)
+
+
+def test_of_two_characters_in_a_strange_file_one_is_named(tmp_path: Path) -> None:
+    write_body(tmp_path / "dog.usda", quadruped())
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shown.usda"))
+    for name in ("Rex", "Laika"):
+        stage.DefinePrim(f"/{name}", "Xform").GetReferences().AddReference("./dog.usda")
+    stage.Flatten().Export(str(tmp_path / "both.usda"))  # which the sandbox reads first
+    with pytest.raises(InputError, match="holds 2 characters; choose one with --character: Rex, Laika"):
+        read_usd_skel(tmp_path / "both.usda")
+    with pytest.raises(InputError, match="not one that is called 'Fido'"):
+        read_usd_skel(tmp_path / "both.usda", "Fido")
+    assert read_usd_skel(tmp_path / "both.usda", "Laika").joints == quadruped().skeleton.joints

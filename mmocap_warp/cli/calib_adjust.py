@@ -43,7 +43,7 @@ def check(call: Any, loaded: Scene) -> Answer:
     lines += [_finding_line(finding, result) for finding in result.findings]
     lines += [str(picture) for picture in result.pictures]
     if not result.findings:
-        lines.append("no camera disagrees with the others")
+        lines.append("no camera disagrees with the others; if frames are not trusted, look at the masks (mmocap show)")
     step = next_step("calib", "refine", loaded.path, "-o", loaded.path.parent / "calibration-refined.toml")
     if can_be_refined := bool(result.findings) and all(finding.change is not None for finding in result.findings):
         lines.append(f"next: {step}")

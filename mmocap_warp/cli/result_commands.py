@@ -141,7 +141,8 @@ def fit(call: Any, console: Console, scene: Path, output: Path, identity: int | 
     from mmocap_warp.commands.track_people import everybody, file_of
     from mmocap_warp.scene.scene_toml import load_scene
 
-    if not (people := everybody(load_scene(scene, identity=identity), person)):
+    # Who is in it alone is asked: the fit sees whether cameras agree on where they end.
+    if not (people := everybody(load_scene(scene, identity=identity, calibrated=False), person)):
         return _fitted(call, output)
     work = {name: partial(_fitted, partial(call, person=name), file_of(output, name)) for name in people}
     return answer_of_each(console, work)

@@ -182,12 +182,12 @@ def scene_of(
         if not named.exists():
             problem = f"was made from {named}, which is not there"
             raise InputError(path or "result", problem, "name the scene with --scene")
-    number = made.frame_numbers if isinstance(made, Result) else None
-    frames = None if number is None else f"{number[0]}:{number[-1] + 1}"
+    numbers = made.frame_numbers if isinstance(made, Result) else [int(known.get("fit.first_frame", 0))]
+    frames = f"{numbers[0]}:{numbers[-1] + 1}"
     if isinstance(named, Scene):
         found = named
     else:
-        try:  # those of its frames that were tracked: cameras need not have all others
+        try:  # those of its frames that it was made from: cameras need not have all others
             found = load_scene(named, frames, identity=identity)
         except ValueError:  # it has not these
             found = load_scene(named, identity=identity)

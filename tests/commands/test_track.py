@@ -237,3 +237,5 @@ def test_a_scene_of_cameras_that_end_apart_is_opened_for_the_frames_of_a_result(
     scene = mm.load_scene(tmp_path / "walk", "0:2")
     result = mm.track(scene, walk_and_subject()[1], **SETTINGS)
     assert scene_of(result, None, None).frame_count == 2
+    fitted = replace(result.subject, provenance={"fit.scene": str(tmp_path / "walk"), "fit.first_frame": 1})
+    assert scene_of(fitted, None, None).frame_count == 1

@@ -413,6 +413,16 @@ def test_cameras_that_disagree_are_refined_for_a_second_run(scene, result, capsy
         file.unlink()
 
 
+def test_a_result_that_was_mended_is_not_replaced_though_cameras_disagree(scene, result, capsys, monkeypatch):
+    kept, asked = read_result(result), []
+    mended = replace(kept, config=kept.config | {"mended": [{"frames": [2, 3]}]})
+    monkeypatch.setattr("mmocap_warp.commands.track.track", lambda **given: asked.append(given) or mended)
+    monkeypatch.setattr("mmocap_warp.commands.show.show_all", lambda *_: {})
+    monkeypatch.setattr("mmocap_warp.result.verdict.verdict", lambda _: {"cameras": {"cam01": 20.0}})
+    answer(capsys, "track", scene)
+    assert [given.get("cameras") for given in asked] == [None]
+
+
 @pytest.fixture
 def quickly_fitted(monkeypatch) -> None:
     """A fit searches the limbs once; how well it does is tested elsewhere."""

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from other_bodies import write_box
 from walk_scene import walking
 
 import mmocap_warp as mm
@@ -18,6 +19,7 @@ from mmocap_warp.calibration.refine.refinement import Overlaps, Refinement
 from mmocap_warp.commands import track
 from mmocap_warp.commands.inputs import scene_of, track_settings
 from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.formats.attachments import Attachment
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.scenes import ROOT
 
@@ -208,6 +210,15 @@ def test_a_complete_result_says_which_cameras_it_has(tmp_path):
     mm.track(scene, subject, **asked, cameras="as given")
     with pytest.raises(InputError, match=r"r\.usdc: is of other frames, settings, cameras"):
         mm.track(scene, subject, **asked, cameras="refine")
+
+
+def test_a_complete_result_is_without_what_was_attached_since(tmp_path):
+    scene, subject = walk_and_subject()
+    asked = {"output": tmp_path / "r.usdc", "resume": True, **SETTINGS}
+    mm.track(scene, subject, **asked)
+    thing = Attachment("Block", write_box(tmp_path / "box.obj", (0.1, 0.1, 0.1)))
+    with pytest.raises(InputError, match=r"r\.usdc: is of other frames, .* or of another subject or body"):
+        mm.track(replace(scene, attached=(thing,)), subject, **asked)
 
 
 def test_a_result_that_is_mended_elsewhere_has_its_refined_cameras_there(tmp_path, monkeypatch):

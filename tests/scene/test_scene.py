@@ -57,6 +57,12 @@ def test_subtracted_masks_are_those_of_the_files(folder: Path, source: str, mode
             np.testing.assert_array_equal(mask, ball_mask(k, frame))
 
 
+def test_what_a_scene_says_of_subtracted_masks_stays_however_small_its_images(folder: Path) -> None:
+    edit(folder, '"masks"', '"clean_plate"\nclose = 20')
+    made = load_scene(folder).foreground
+    assert (made.close, made.median) == (20, 12 * WIDTH / 1920)
+
+
 def test_a_mask_video_equals_a_mask_folder(folder: Path) -> None:
     frames = [np.dstack([ball_mask(1, frame).astype(np.uint8) * 255] * 3) for frame in range(FRAMES)]
     write_video(folder / "mask.mkv", frames)

@@ -8,7 +8,6 @@ it is read or written, so that the table itself costs nothing to import.
 
 from __future__ import annotations
 
-import inspect
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -41,6 +40,7 @@ class Format:
     beside: tuple[str, ...] = ()  # names of further files that a calibration of it is written to
     takes_joint_set: bool = False  # of an export: whether it may go by a joint set
     people: tuple[str, ...] = ()  # of an export: endings of files that hold several people, whose results come by name
+    lenses: str = ""  # of a calibration that may lack the cameras' places: the function that reads such a file
 
     def matches(self, path: Path) -> bool:
         """Whether a file of this name, or this folder, has the format."""
@@ -63,7 +63,12 @@ def _function(name: str) -> Callable:
 
 
 CALIBRATIONS: tuple[Format, ...] = (
-    Format("Pose2Sim/aniposelib/Caliscope TOML", (".toml",), "calibration.toml_rig:read_toml_rig"),
+    Format(
+        "Pose2Sim/aniposelib/Caliscope TOML",
+        (".toml",),
+        "calibration.toml_rig:read_toml_rig",
+        lenses="calibration.toml_rig:read_toml_lenses",
+    ),
     Format("Qualisys", (".qca.txt",), "calibration.qualisys:read_qualisys"),
     Format(
         "OpenCV/EasyMocap YAML",
@@ -71,6 +76,7 @@ CALIBRATIONS: tuple[Format, ...] = (
         "calibration.opencv_yaml:read_opencv_yaml",
         folder="*tri.yml",
         open_sizes=True,
+        lenses="calibration.opencv_yaml:read_yaml_lenses",
     ),
     Format(
         "COLMAP text",
@@ -79,14 +85,17 @@ CALIBRATIONS: tuple[Format, ...] = (
         folder="cameras.txt",
         open_units=True,
     ),
-    Format("MultiCal", (".json",), "calibration.multical:read_multical", open_units=True),
+    Format(
+        "MultiCal",
+        (".json",),
+        "calibration.multical:read_multical",
+        open_units=True,
+        lenses="calibration.multical:read_multical_lenses",
+    ),
     Format("HumanEva", (".cal",), "humaneva.humaneva_files:read_cal_folder", folder="*.[cC][aA][lL]", open_sizes=True),
     Format("USD", (".usda", ".usdc", ".usd"), "usd.usd_camera:read_usd_cameras", open_sizes=True),
 )
-"""Their functions are called as :func:`read_calibration` is, and give what it gives.
-
-Where a calibration may lack the cameras' places, the module has a ``read_lenses`` too, as :func:`read_lenses`.
-"""
+"""Their functions are called as :func:`read_calibration` is, and give what it gives."""
 
 CALIBRATION_EXPORTS: tuple[Format, ...] = (
     Format("Pose2Sim/aniposelib TOML", (".toml",), "calibration.toml_rig:write_toml_rig"),
@@ -183,8 +192,8 @@ def read_calibration(
 
 def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
     """As :func:`read_calibration`, a calibration's cameras at the origin, or None if it says where they stand."""
-    reader = getattr(inspect.getmodule(format_of(CALIBRATIONS, path).load()), "read_lenses", None)
-    return reader(path, up, sizes) if reader else None
+    format = format_of(CALIBRATIONS, path)
+    return _function(format.lenses)(path, up, sizes) if format.lenses else None
 
 
 def write_calibration(path: Path, rig: CameraRig) -> None:

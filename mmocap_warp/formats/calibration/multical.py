@@ -38,7 +38,7 @@ def read_multical(path: str | Path, units: str | None = None, up: str = "+z", si
     return rig_of(cameras, up, path)
 
 
-def read_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
+def read_multical_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
     """Read MultiCal's ``intrinsic.json``: cameras at the origin, or None for a file that has ``camera_poses``."""
     file = read_json(path, _REMEDY, MOST_BYTES)
     if "camera_poses" in file or "cameras" not in file:

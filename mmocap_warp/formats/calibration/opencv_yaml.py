@@ -42,7 +42,7 @@ def read_opencv_yaml(path: str | Path, units: str | None = None, up: str = "+z",
     return rig_of(cameras, up, folder / "intri.yml")
 
 
-def read_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
+def read_yaml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
     """Read ``intri.yml`` alone: cameras at the origin, or None where ``extri.yml`` lies beside it."""
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     if os.path.exists(folder / "extri.yml"):

@@ -35,7 +35,7 @@ def read_toml_rig(path: str | Path, units: str | None = None, up: str = "+z", si
     return rig_of(cameras, up, path)
 
 
-def read_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
+def read_toml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
     """Read lenses alone: cameras at the origin, or None where a camera has a rotation or a translation."""
     file, tables = _camera_tables(path)
     if not tables or any(table.has("rotation") or table.has("translation") for table in tables.values()):

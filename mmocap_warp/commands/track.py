@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -28,11 +27,9 @@ from mmocap_warp.rigging.attaching import carrying, subject_carrying
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, body_file
 from mmocap_warp.rigging.start_poses import start_poses as named_start_poses
 from mmocap_warp.scene.recording import Scene
-from mmocap_warp.tracking import frame_loop, mending
+from mmocap_warp.tracking import frame_loop
 from mmocap_warp.tracking.checkpoint import asked_for
-from mmocap_warp.tracking.pins import Pins, read_pins
 from mmocap_warp.tracking.track_config import AS_GIVEN, REFINE, TrackConfig
-from mmocap_warp.whole_file import write_whole
 
 _UNDECIDED = {
     "turned": "fit: the masks do not tell which way the subject faces; it may be back to front",
@@ -223,7 +220,9 @@ def track(
     loaded = inputs.one_person(inputs.scene_from(scene, frames, identity, reporter, person=person))
     inputs.keep_truth(file, loaded)
     if again is not None:
-        return _again(loaded, again, pins, config, file, reporter, settings)
+        from mmocap_warp.commands.track_again import solved_again  # and with it what draws
+
+        return solved_again(loaded, again, pins, config, file, reporter, settings)
     loaded = with_masks(loaded, reporter, effective(TrackConfig, loaded.settings("track"), settings, config))
     chosen = inputs.track_settings(loaded, settings, config)
     inputs.truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
@@ -247,9 +246,10 @@ def track(
     generic = inputs.body_from(body, loaded) if subject is None else subject.body
     _check_model(generic, loaded, chosen, given)
     named = subject or Subject(generic, np.eye(3), np.zeros(generic.skeleton.coordinates), {})
-    named, _ = subject_carrying(named, loaded.attached)
     more = [each for each in (pieces > 1 and pieces, *([rigid, loaded.fit] if subject is None else ())) if each]
-    asked = {} if file is None else {"asked": asked_for(loaded, named, chosen, more)}
+    asked = (
+        {} if file is None else {"asked": asked_for(loaded, subject_carrying(named, loaded.attached)[0], chosen, more)}
+    )
     if resume and file is not None and file.exists() and not (checkpoint and checkpoint.exists()):
         return _complete(file, asked["asked"], given.get("cameras", loaded.track.get("cameras")), reporter)
     fitted_for = f"{chosen.cameras} {asked.get('asked')}"
@@ -296,64 +296,6 @@ def _complete(file: Path, asked: str, cameras: str | None, reporter: Reporter) -
         raise InputError(file, problem, "replace it with --force, or write elsewhere")
     reporter.note(f"{file} is complete")
     return done
-
-
-def _again(
-    loaded: Scene,
-    again: Result | str | Path,
-    pins: str | Path | list[dict[str, Any]] | None,
-    config: TrackConfig | None,
-    file: Path | None,
-    reporter: Reporter,
-    settings: dict[str, Any],
-) -> Result:
-    """A result of which some frames were solved anew: around pins, or those that the scene is ``loaded`` with."""
-    from mmocap_warp.display.result_video import check_same_recording
-
-    result, path = inputs.result_from(again)
-    check_same_recording(result, loaded)
-    if (identity := result.config.get("identity", 0)) != loaded.foreground.identity:
-        raise InputError(path or "result", f"is of the identity {identity} in the masks", "give the same --identity")
-    if (person := result.config.get("person", "")) != loaded.person:
-        own, asked = (name or "somebody without a name" for name in (person, loaded.person))
-        raise InputError(path or "result", f"is of {own}, not of {asked}", "give its own scene and --person")
-    numbers = result.frame_numbers.tolist()
-    chosen = [position for position, number in enumerate(numbers) if number in loaded.frames]
-    span = range(chosen[0], chosen[-1] + 1) if pins is None and 0 < len(chosen) < len(numbers) else None
-    if span is None and pins is None:
-        some = f"some but not all of the result's {inputs.span(numbers)}"
-        raise UsageError(f"--again needs --pins, or --frames first:end, {some}, to say which are solved anew")
-
-    # The run's settings are those of the result; where it is done may be another place.
-    fields = set(vars(TrackConfig())) - {"device", "threads"}
-    own = TrackConfig(**{name: result.config[name] for name in fields if name in result.config})
-    if other := set(settings) - {"device", "threads"}:
-        raise UsageError(f"--{min(other).replace('_', '-')} cannot be given with --again, which has the result's own")
-    place = effective(TrackConfig, loaded.settings("track"), settings, config)
-    own = replace(own, device=place.device, threads=place.threads)
-    start_warp(own.device)
-
-    if (refined := result.config.get("refined_cameras")) is not None:
-        if path is None or not (kept := path.with_name(refined)).exists():
-            remedy = "give its file, beside which they were written" if path is None else "copy them there"
-            raise InputError(path or "result", f"its refined cameras ({refined}) are not beside it", remedy)
-        loaded = inputs.with_refined(loaded, kept)
-    of_scene, of_result = ((rig.K, rig.R, rig.t) for rig in (loaded.rig(own.scale), result.cameras))
-    if not all(map(partial(np.allclose, atol=1e-4), of_scene, of_result)):
-        raise InputError(loaded.path, "its cameras are not those of the result", "give the calibration of then")
-    clicked = Pins.none() if pins is None else read_pins(pins, result, loaded.calibrated)
-    with reporter.stage("mend", None):
-        mended = mending.mended(loaded, result, own, clicked, span)
-    changed = mended.config.get("mended", [])[len(result.config.get("mended", [])) :]
-    spans = ", ".join(f"{first} to {last}" for first, last in (each["frames"] for each in changed))
-    reporter.note(f"again: frames {spans} are new" if spans else "again: nothing better was found")
-    mended = replace(mended, config=mended.config | inputs.scene_reference(loaded, file))
-    if file is not None and path is not None and refined is not None:  # they lie beside the new result, too
-        mended.config["refined_cameras"] = f"{file.stem}.calibration.toml"
-        write_whole(file.with_name(mended.config["refined_cameras"]), path.with_name(refined).read_bytes())
-    if file is not None:
-        write_result(file, mended)
-    return mended
 
 
 def _refined(

@@ -119,7 +119,8 @@ def test_what_is_solved_again_must_be_said(scene, sound):
 def test_a_result_of_other_cameras_is_refused(scene, sound):
     names = tuple(f"other{k}" for k in range(len(sound.cameras)))
     other = replace(sound, cameras=replace(sound.cameras, names=names))
-    with pytest.raises(InputError, match=f"the result {', '.join(names)}"):
+    listed = ", ".join(names)
+    with pytest.raises(InputError, match=f"has the cameras cam1, .*, the result {listed}; name the scene that was"):
         mm.track(scene, again=other, frames="3:9")
 
 

@@ -140,7 +140,7 @@ def check(
     findings = tuple(with_words(finding, adjustment) for finding in small_errors(rig, solution))
     overlap, pictures = _compare_views(rig, person, solution, findings)
     # A view that shows nothing of the body adds nothing to the errors.
-    if not findings and not scene.has_others and (problem := look(scene, None).problem) is not None:
+    if not findings and not scene.has_others and (problem := look(scene, None, views=views).problem) is not None:
         findings = (Finding("all cameras", "masks", words=problem),)
     report("compared", 1.0)
     return CameraCheck(rig.names, covered, overlap, findings, footage.scale, pictures)

@@ -51,17 +51,22 @@ class FirstLook:
 
 
 def look(
-    scene: Scene, body: BodyModel | None, *, start: Subject | None = None, to_be_mended: bool = False
+    scene: Scene,
+    body: BodyModel | None,
+    *,
+    start: Subject | None = None,
+    to_be_mended: bool = False,
+    views: "FewViews | None" = None,
 ) -> FirstLook:
     """Look at a few frames of a scene, which has a calibration.
 
     ``body`` is who is to be tracked, for the size; None where the size does not count. Masks with ``keep = "nearest"``
-    are those near the first pose of ``start``. Cameras and times ``to_be_mended`` may be somewhat wrong.
+    are those near the first pose of ``start``. Cameras and times ``to_be_mended`` may be off; ``views`` may be known.
 
     Raises:
         InputError: images that cannot be read.
     """
-    views = few_views(scene, start)
+    views = views or few_views(scene, start)
     rig, compared = views.rig, views.compared
     if len(rig) < 2:
         return FirstLook(f"has one view, {rig.names[0]}, and two or more are needed", "add a camera")

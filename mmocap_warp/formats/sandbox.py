@@ -55,7 +55,7 @@ def sandboxed(reader: Callable[P, T]) -> Callable[P, T]:
         path = os.path.abspath(native_path(str(args[0])))
         stamp = _stamp(path)
         if stamp is not None and stamp not in (_sound.get((path, name)), _sound.get((path, ""))):
-            _worker.read(name, [str(args[0]), *args[1:]], stamp[1])
+            _worker.read(name, [str(args[0]), *args[1:]], kwargs, stamp[1])
             _sound[path, name] = stamp
         return reader(*args, **kwargs)
 
@@ -98,14 +98,11 @@ class _Worker:
             if sys.platform != "win32":
                 self._process()
 
-    def read(self, reader: str, given: list[Any], size: int) -> None:
-        """Let it read a file of so many bytes, ``given`` with what else the reader takes.
-
-        An InputError is the reader's, or that of a file which was too much.
-        """
+    def read(self, reader: str, given: list[Any], named: dict[str, Any], size: int) -> None:
+        """Let it read a file of so many bytes; an InputError is the reader's, or that of a file which was too much."""
         seconds, memory = _SECONDS + size * _SECONDS_PER_BYTE, _BYTES + size * _BYTES_PER_BYTE
         with self._lock:
-            request = {"reader": reader, "given": given, "folder": os.getcwd(), "settings": _settings()}
+            request = {"reader": reader, "given": given, "named": named, "folder": os.getcwd(), "settings": _settings()}
             answer = self._ask(json.dumps(request | {"seconds": seconds, "memory": memory}), seconds)
         if answer:
             raise InputError(*json.loads(answer)) if answer.startswith("[") else InputError(given[0], answer, _REMEDY)
@@ -192,7 +189,7 @@ def _serve() -> None:
             for setting in _settings():
                 del os.environ[setting]
             os.environ |= request["settings"]
-            read(*request["given"])
+            read(*request["given"], **request["named"])
         except MemoryError:
             answer = f"takes more than {request['memory'] / 2**30:.1f} GiB of memory to be read"
         except InputError as error:

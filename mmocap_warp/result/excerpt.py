@@ -45,7 +45,13 @@ def at_rate(result: Result, fps: float) -> Result:
     numbers = np.arange(np.ceil((known[0] - slack) * fps), np.floor((known[-1] + slack) * fps) + 1).astype(int)
     if not len(numbers):
         raise ValueError(f"fps = {fps:g} has no frame in the {known[-1] - known[0]:.3g} s of the result")
+    return _at(result, numbers, float(fps))
+
+
+def _at(result: Result, numbers: np.ndarray, fps: float) -> Result:
+    """The result at frames of these numbers (frame,) at ``fps``, as :func:`at_rate` has them."""
     # Where they lie among the result's frames: poses are interpolated, the rest is the nearest frame's.
+    known = result.frame_numbers / result.fps
     place = np.interp(numbers / fps, known, np.arange(len(known)))
     nearest = np.round(place).astype(int)
     is_length = result.subject.body.skeleton.is_length
@@ -53,7 +59,7 @@ def at_rate(result: Result, fps: float) -> Result:
     for name, track in _tracks(result).items():
         arrays[name] = np.stack([_poses_at(run, place, is_length) for run in track])
     arrays |= dict.fromkeys(("angle_sigma", "joint_sigma"))
-    return replace(result, fps=float(fps), frame_numbers=numbers, **arrays)
+    return replace(result, fps=fps, frame_numbers=numbers, **arrays)
 
 
 def _tracks(result: Result) -> dict[str, Any]:
@@ -65,8 +71,8 @@ def evenly(result: Result) -> Result:
     """The result with its frames at equal times; the result itself where they are already."""
     if len(set(np.diff(result.frame_numbers).tolist())) <= 1:
         return result
-    filled = at_rate(result, result.rate)
-    return replace(filled, fps=result.fps, frame_numbers=result.stride * filled.frame_numbers)
+    first, last = result.frame_numbers[[0, -1]].tolist()
+    return _at(result, np.arange(first, last + 1, result.stride), result.fps)
 
 
 def _poses_at(pose: np.ndarray, place: np.ndarray, is_length: np.ndarray) -> np.ndarray:

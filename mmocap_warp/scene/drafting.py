@@ -135,7 +135,7 @@ def draft_scene(folder: Path) -> Draft:
 
 def _note_first_images(draft: Draft, media: _Media) -> None:
     """Say which cameras are much darker or brighter than the others in their first images, and which begin later."""
-    read = {name: open_frames(path) for name, path in (media.video | media.masks).items()}  # masks are what is tracked
+    read = media.frames | {name: open_frames(path) for name, path in media.masks.items()}  # masks are what is tracked
     folders = {name: frames.files[0].stem for name, frames in read.items() if isinstance(frames, ImageFolder)}
     begin = {name: int(end[0]) for name, stem in folders.items() if (end := re.search("[0-9]+$", stem))}
     if len({*begin.values()}) > 1:

@@ -131,7 +131,7 @@ def test_no_camera_of_a_sound_rig_disagrees(tmp_path):
 def test_a_view_of_something_else_is_named(tmp_path, monkeypatch):
     """It adds nothing to the errors of the cameras."""
     problem = f"{RIG.names[1]} shows something else than the others"
-    monkeypatch.setattr(camera_check, "look", lambda scene, body: FirstLook(problem))
+    monkeypatch.setattr(camera_check, "look", lambda scene, body, views: FirstLook(problem))
     assert [finding.words for finding in checked(tmp_path, planted()).findings] == [problem]
 
 

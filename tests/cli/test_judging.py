@@ -66,10 +66,11 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
 
 
 def test_show_subtracts_nothing_that_was_tracked(tmp_path, monkeypatch):
-    scene = write_scene(tmp_path, 'source = "clean_plate"')
-    # So small a body would be cleaned away as a speck if what is small did not depend on the images' size.
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
-    assert "trusted_cameras" not in read_result(tmp_path / "r.usdc").config
+    scene = write_scene(tmp_path, 'source = "clean_plate"', "median = 12", "close = 20", "min_area = 2000")
+    # So small a body is cleaned away as a speck, and what stands beside it is no body.
+    arguments = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet", "--trust-cameras"]
+    assert cli.main(arguments) == console.CHECK_FAILED
+    assert "no common hull" in read_result(tmp_path / "r.usdc").config["trusted_cameras"]
     monkeypatch.delattr("mmocap_warp.masks.subtraction.GaussianBackground.foreground")
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
     assert (tmp_path / "r.webm").is_file()

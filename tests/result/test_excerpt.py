@@ -85,6 +85,7 @@ def test_frames_of_uneven_steps_are_filled_in():
     strided = evenly(result.at([0, 2, 8]))
     assert strided.frame_numbers.tolist() == [10, 12, 14, 16, 18]
     assert (strided.fps, strided.rate) == (result.fps, result.fps / 2)
+    assert evenly(result.at([1, 3, 7])).frame_numbers.tolist() == [11, 13, 15, 17]  # whichever it begins with
 
 
 def test_one_run_and_the_track_before_smoothing():

@@ -267,7 +267,10 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "offset a fraction": case(MASKS, f"{MASKS}\nframe_offset = 0.5", r"is not a whole number"),
     "a single image as a video": case("masks/cam02", "plate.png", r"plate\.png: is a single image; name the folder"),
     "not a video": (lambda f: (f / "cam02.mkv").write_text("no"), r"cam02\.mkv: cannot be decoded as a video"),
-    "truncated video": (truncate_video, r"cam01\.mkv: ends after \d+ of its \d+ frames; .* this camera's frame \d+"),
+    "truncated video": (
+        truncate_video,
+        r"cam01\.mkv: ends after \d+ of its \d+ frames; .* let \[scene\] frames end before this camera's frame \d+",
+    ),
     "unknown source": case(
         'source = "masks"', 'source = "magic"', r"\[foreground\]: source = 'magic' is not known; use one of"
     ),

@@ -141,3 +141,5 @@ def test_of_two_characters_in_a_strange_file_one_is_named(tmp_path: Path) -> Non
     with pytest.raises(InputError, match="not one that is called 'Fido'"):
         read_usd_skel(tmp_path / "both.usda", "Fido")
     assert read_usd_skel(tmp_path / "both.usda", "Laika").joints == quadruped().skeleton.joints
+    (tmp_path / "both.usda").rename(tmp_path / "again.usda")
+    assert read_usd_skel(tmp_path / "again.usda", character="Rex").joints == quadruped().skeleton.joints

@@ -27,6 +27,8 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.commands.caller import Reporter, start_warp
 from mmocap_warp.commands.live_session import Tracked, follow
+from mmocap_warp.device.cores import waits_awake
+from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.streaming.arrivals import Arrival, newest
 from mmocap_warp.streaming.senders import open_sender
@@ -147,7 +149,9 @@ def main(seconds: float, fps: float, count: int) -> None:
             tracker.wait()
         gc.freeze()
         tracked = [Tracked(each.name, each.subject, 1 / fps, [sender]) for each in people]
-        report = follow(tracked, trackers, newest(source()), rig.names, Reporter())
+        report = follow(
+            tracked, trackers, newest(source(), awake=waits_awake(resolve_device("auto"))), rig.names, Reporter()
+        )
         late = told.get()
     who = f"{len(people)} people, {len(rig)} cameras: {round(seconds * fps)} frames at {fps:g} a second"
     print(f"{who}, {report.dropped} dropped, {report.lost} lost; memory {used[1]} MB at first, {used[-1]} in the end")

@@ -20,6 +20,8 @@ from mmocap_warp.commands.inputs import Frames, scene_from, scene_reference, tra
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.commands.track import fit
 from mmocap_warp.commands.track_people import everybody, file_of
+from mmocap_warp.device.cores import waits_awake
+from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
@@ -120,7 +122,8 @@ def live(
             trackers = [stack.enter_context(closing(each)) for each in make_live(chosen.device, about)]
             for tracker in trackers:
                 tracker.wait()
-        coming = stack.enter_context(closing(newest(arrivals([*scenes.values()], chosen.scale, source))))
+        come, awake = arrivals([*scenes.values()], chosen.scale, source), waits_awake(resolve_device(chosen.device))
+        coming = stack.enter_context(closing(newest(come, awake=awake)))
         gc.collect()
         stack.callback(gc.unfreeze)
         gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
@@ -246,7 +249,7 @@ def _subject(
     known = given or scene.subject
     if known is None and is_to_come:
         remedy = "fit one to a recording with mmocap fit, and give it as --subject"
-        raise InputError(scene.path, "names no subject, and what is to come cannot be fitted to", remedy)
+        raise InputError(scene.path, "names no subject, and live frames cannot be fitted", remedy)
     if known is None:
         known = fit(scene, device=config.device, threads=config.threads, reporter=reporter)
     known = known if isinstance(known, Subject) else read_subject(known)

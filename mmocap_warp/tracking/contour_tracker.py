@@ -72,7 +72,7 @@ class ContourTracker:
         device: the Warp device.
         search: what finds starts for the contours; None where there is no search.
         search_interval: frames from one that may be searched for to the next. If it is more than one, only lost frames
-            are searched for, not those that merely fall short.
+            are searched for, not those that merely fall short, and limbs are looked for by :meth:`look` alone.
 
     Raises:
         ValueError: the body has no model with so many degrees of freedom, or its tracking mesh is not closed.
@@ -98,6 +98,7 @@ class ContourTracker:
         first = np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0)
         self._state, self._has_searched = ContourState.at(first, len(subject.body.skeleton.parts)), True
         self._begun: Observation | None = None
+        self._unlooked: tuple[Candidates, np.ndarray, Observation] | None = None
 
     @property
     def state(self) -> ContourState:
@@ -127,6 +128,8 @@ class ContourTracker:
             last, before = self._state.pose, self._state.previous_pose
             moved_on = self._starts.within_limits(last + np.float32(_MOTION_KEPT) * (last - before))
             self._descend(np.stack([last, moved_on], axis=1), _STEPS)
+            if self._state.is_looking(self._look_interval).any():
+                self._uncovered.observe(observation)  # while a GPU descends
 
     def step(self, observation: Observation) -> FrameAnswer:
         """Find the pose of the next frame. Without any foreground the frame is lost and keeps the last pose."""
@@ -148,8 +151,9 @@ class ContourTracker:
                 climbing = self._falls_short(answer) & (~self._state.climbed_in_vain | self._is_lost(answer))
                 climbing &= self._shows_where(answer, climbing, observation)
             else:  # live, where a climb delays the frames after it
-                due = self._state.frame_count % self.search_interval == 0
-                climbing = due & self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
+                climbing = self._state.frame_count % self.search_interval == 0
+                if climbing.any():
+                    climbing &= self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
             if self.search and climbing.any():
                 answer, rescued = self._recovered(self.search, answer, climbing, observation)
                 evaluations = self.search.evaluations
@@ -158,7 +162,9 @@ class ContourTracker:
 
         # Now and then, and where the ladder led elsewhere, look for limbs that the body does not cover.
         looking = self._state.is_looking(self._look_interval) | rescued
-        if looking.any():
+        if self.search_interval > 1:
+            self._unlooked = answer, looking, observation
+        elif looking.any():
             answer, limb_found = self._with_limbs_found(answer, looking, observation)
             rescued |= limb_found
 
@@ -169,6 +175,13 @@ class ContourTracker:
         status = np.select([lost, partial, rescued], kinds, STATUS.index("tracked"))
         self._state = self._state.followed_by(answer, lost)
         return FrameAnswer(answer.pose, answer.cost, answer.iou, evaluations, status, time.perf_counter() - started)
+
+    def look(self) -> None:
+        """Live, look for limbs that the last answer does not cover, after it was sent; the next frame starts there."""
+        if self._unlooked and self._unlooked[1].any():
+            answer, _ = self._with_limbs_found(*self._unlooked)
+            self._state = replace(self._state, pose=answer.pose.copy())
+        self._unlooked = None
 
     def _falls_short(
         self, answer: Candidates, fall: float = _SHORT_OVERLAP, exposed: float = _SHORT_EXPOSED

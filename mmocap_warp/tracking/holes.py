@@ -101,8 +101,8 @@ def _opened(before: Observation, seen: Observation, place: int, rate: float, bod
     large = smaller > max(_LARGE, _FASTEST_LARGE / rate) * before.foreground
     is_seen = np.count_nonzero((seen.foreground > 0) & ~large) >= LEAST_WHOLE
     for k in np.flatnonzero((before.foreground > 0) & (seen.foreground > 0) & (smaller > 0)).tolist():
-        rows, words = (np.flatnonzero(before.words[k].any(axis=axis)) for axis in (1, 0))
-        extent = max(np.ptp(rows), 32 * np.ptp(words))
+        left, _, width, height = cv2.boundingRect(before.words[k].view(np.uint8))
+        extent = max(height - 1, 32 * ((left + width - 1) // 4 - left // 4))  # a word has four bytes
         trunk, may_move = max(_RADIUS, _FASTEST / rate) * extent, large[k] and is_seen
         if smaller[k] < np.pi * trunk**2 and not may_move:  # nearly always: what follows is for few frames
             continue

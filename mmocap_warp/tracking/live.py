@@ -151,7 +151,7 @@ class LiveTracker:
 
     def begin(self, number: int, seen: Observation | Sequence[np.ndarray]) -> None:
         """Let a GPU begin with a frame; then the frames of others may be begun before this one is finished."""
-        self._hand_on()
+        self.hand_on()
         observation = seen if isinstance(seen, Observation) else Observation.from_masks(list(seen))
         with self._own_stream():
             if number != self._expected:  # what is gone since may have moved
@@ -173,17 +173,24 @@ class LiveTracker:
         self._begun = True
         return live_frame(self._subject, self._units, number, answer.pose, answer, answer.status)
 
-    def _hand_on(self) -> None:
-        """Let the last frame be smoothed. A thread sends it, and would delay the answer at once if that came later."""
+    def hand_on(self) -> None:
+        """Let the last frame be smoothed, and look for limbs in it: what can wait until the answer at once is sent."""
         while self._unsent:
             self._smoother.hand_on(*self._unsent.pop())
+            if isinstance(self._tracker, ContourTracker):
+                with self._own_stream():
+                    self._tracker.look()
 
     def smoothed(self) -> Iterator[LiveFrame]:
+        """The frames whose smoothed answers have come since, once the last frame was handed on."""
+        self.hand_on()
+        yield from self.solved()
+
+    def solved(self) -> Iterator[LiveFrame]:
         """The frames whose smoothed answers have come since."""
-        self._hand_on()
         yield from self._smoother.solved(self._person)
 
     def rest(self) -> Iterator[LiveFrame]:
         """The smoothed answers that are missing, once no frame will come."""
-        self._hand_on()
+        self.hand_on()
         yield from self._smoother.rest(self._person)

@@ -103,14 +103,18 @@ class UncoveredArea:
         self._seen: Observation | None = None
         self._looks = 0
 
-    def of(self, poses: np.ndarray, observation: Observation) -> list[Uncovered]:
-        """The area beside poses (n, coordinate), each by itself."""
+    def observe(self, observation: Observation) -> None:
+        """Take a frame's masks, unless they were taken last."""
         if observation is not self._seen:
             shows = observation.foreground > 0
             for upload, values in zip(self._masks, (observation.words, observation.possible, shows), strict=True):
                 upload.values[...] = values
                 upload.send(self._cameras)
             self._seen = observation
+
+    def of(self, poses: np.ndarray, observation: Observation) -> list[Uncovered]:
+        """The area beside poses (n, coordinate), each by itself."""
+        self.observe(observation)
         return [self._beside(pose) for pose in poses]
 
     def _beside(self, pose: np.ndarray) -> Uncovered:

@@ -47,8 +47,15 @@ def test_what_cannot_be_is_refused_before_anything_starts(subject, tmp_path):
         mm.live(WALK, subject, record=tmp_path / "old.usdc")
     folder = make_scene(tmp_path)
     (folder / "scene.toml").write_text(SCENE.replace(CAMERAS, CAMERAS.replace("masks = ", "# ")))
-    with pytest.raises(mm.InputError, match="names no subject, and what is to come cannot be fitted to"):
+    with pytest.raises(mm.InputError, match="names no subject, and live frames cannot be fitted"):
         mm.live(folder, source=("0", "1", "2"), device="cpu")
+
+
+def test_a_background_that_is_learnt_from_the_recording_needs_it_live_too(tmp_path):
+    folder = make_scene(tmp_path)
+    (folder / "scene.toml").write_text(SCENE + '[foreground]\nsource = "recording"\n')
+    with pytest.raises(mm.InputError, match="video"):
+        mm.live(folder, synthetic_subject(), source=("0", "1", "2"), device="cpu")
 
 
 class Listener(mm.Reporter):
@@ -97,7 +104,7 @@ def test_several_people_have_a_file_each_and_one_of_all(tmp_path, monkeypatch):
     tables = "".join(f'[people.{name}]\nlabel = {n}\nsubject = "me.usdc"\n' for n, name in ((1, "anna"), (2, "ben")))
     (folder / "scene.toml").write_text(SCENE + tables)
     write_subject(folder / "me.usdc", synthetic_subject())
-    monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames: frames)
+    monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames, **_: frames)
     monkeypatch.setattr("mmocap_warp.commands.live_session.make_live", lambda _, people: [Standing(*people)])
     record = tmp_path / "live.usdc"
     assert mm.live(folder, record=record, device="cpu").frames == FRAMES
@@ -129,7 +136,7 @@ def test_a_subject_of_another_frame_needs_a_search(tmp_path):
 
 def test_frames_of_a_killed_session_are_not_replaced_by_force(tmp_path, monkeypatch):
     folder, record = make_scene(tmp_path), tmp_path / "live.usdc"
-    monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames: frames)
+    monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames, **_: frames)
     monkeypatch.setattr("mmocap_warp.commands.live_session.make_live", lambda _, people: [Standing(*people)])
     monkeypatch.setattr("mmocap_warp.streaming.growing_result.finish", lambda path: None)  # it is killed
     mm.live(folder, synthetic_subject(), record=record, device="cpu")
@@ -141,7 +148,9 @@ def test_frames_of_a_killed_session_are_not_replaced_by_force(tmp_path, monkeypa
 
 @pytest.mark.nightly
 def test_a_session_is_told_and_kept(subject, tmp_path, monkeypatch):
-    monkeypatch.setattr("mmocap_warp.commands.live_session.newest", lambda frames: frames)  # however slow this machine
+    monkeypatch.setattr(
+        "mmocap_warp.commands.live_session.newest", lambda frames, **_: frames
+    )  # however slow this machine
     path = tmp_path / "live.usdc"
     report = mm.live(WALK, subject, frames="::2", record=path, **SETTINGS)
     assert (report.frames, report.dropped, report.lost) == (32, 0, 0)

@@ -169,7 +169,7 @@ def test_a_process_that_fails_ends_and_waits_for_no_other_frame(monkeypatch):
     here, there = Pipe()
     with ThreadPoolExecutor(1) as pool, closing(here):
         process = pool.submit(live_process._serve, there)
-        here.send([()])
+        here.send([(None, None, FPS, CONFIG)])
         assert here.recv() is None
         here.send((0, [None]))
         with pytest.raises(RuntimeError, match="the process that smooths ended"):

@@ -1,5 +1,6 @@
 """A scene's masks, made once and judged: ``mmocap mask``."""
 
+import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ import numpy as np
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.commands.caller import Reporter, effective, start_warp
-from mmocap_warp.commands.inputs import Frames, one_person, result_from, scene_from, span
+from mmocap_warp.commands.inputs import Frames, as_tracked, one_person, result_from, scene_from, span
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
@@ -25,12 +26,14 @@ from mmocap_warp.masks.subtraction import mask_around_body
 from mmocap_warp.result.result import Result
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.scene.drafting import mask_scale
-from mmocap_warp.scene.mask_writing import Refine, write_masks
+from mmocap_warp.scene.mask_writing import Refine, masked_scene, write_masks
 from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program, with_people
 from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.tracking.frame_loop import check_start
 from mmocap_warp.tracking.telling_apart import told_apart
 from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.whole_file import write_whole
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ def mask(
         identity: of the person who is meant, where masks show several.
         with_: what makes the masks: 'subtraction' of a background, 'mediapipe', or a command, which is called with a
             folder of frames and one for masks (see the page on masks). [default: as the scene says]
-        consistent: fill what all other views contradict and cut what no other view supports; it takes four views.
+        consistent: fill what only this view lacks, and cut what only this view shows; it takes four views.
             [default: if a program makes the masks]
         device: on which poses tell people apart: auto, cpu, cuda or cuda:1. [default: that of the scene's [track]]
         threads: of a CPU for that. [default: those of the scene's [track]]
@@ -91,6 +94,8 @@ def mask(
     source = with_ if with_ in (None, "subtraction") else "program"
     if source == "program" and isinstance(scene, Scene):
         scene = replace(scene, foreground=replace(scene.foreground, source=source))
+    if source == "subtraction" and isinstance(scene, Scene):
+        scene = load_scene(scene.path, source=source).of_frames(scene.frames)
     loaded = scene_from(scene, frames, identity, reporter, source=source)
     by_program = loaded.foreground.source == "program"
     refine, loaded = (None, loaded) if from_body is None else _around_body(loaded, from_body, scale)
@@ -144,11 +149,15 @@ def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:
     """The scene itself, or one beside it whose masks are made: by a program once, or by poses on a config's device."""
     if scene.foreground.source == "program":
         folder = _beside(scene, "masks")
-        if not (folder / "scene.toml").exists():
+        masks = folder / "scene.toml"
+        if not masks.exists():
             for fault in mask(scene.path, folder, scale=mask_scale(scene), reporter=reporter).report.faults:
                 reporter.warn(f"{folder}: {fault}")
+        elif scene.path.stat().st_mtime > (age := masks.stat().st_mtime):
+            _follow(scene, masks, reporter)
+            os.utime(masks, (age, age))
         files = [file for source in scene.cameras if source.video for file in source.video.files]
-        if max((file.stat().st_mtime for file in files), default=0.0) > (folder / "scene.toml").stat().st_mtime:
+        if max((file.stat().st_mtime for file in files), default=0.0) > masks.stat().st_mtime:
             reporter.warn(f"{folder}: is older than the recording; remove it to have masks made anew")
     elif scene.of_several:
         folder = _beside(scene, "apart")
@@ -158,6 +167,17 @@ def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:
     else:
         return scene
     return scene_from(folder, scene.frames, person=scene.person or None)
+
+
+def _follow(scene: Scene, made: Path, reporter: Reporter) -> None:
+    """Have the scene of masks that were ``made`` say all but masks and people as the scene says it now."""
+    old = load_scene(made)
+    now = replace(load_scene(scene.path), people=old.people, person=old.person)
+    marks = (source.mask_mark for source in old.cameras)
+    text = masked_scene(now, made.parent, min(mark.scale for mark in marks if mark)).encode()
+    if text != made.read_bytes():
+        write_whole(made, text)
+        reporter.note(f"{made}: follows {scene.path}, which was edited since")
 
 
 def _beside(scene: Scene, name: str) -> Path:
@@ -215,7 +235,11 @@ def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> tup
     if any(source.video is None for source in scene.cameras):
         raise InputError(scene.path, "--from-body needs the video of every camera", "name them as video")
     start_warp()
-    rig, subject, poses = scene.rig(scale), tracked.subject, iter(tracked.pose[tracked.best_run])
+    rig, subject, poses = (
+        as_tracked(scene, tracked, path).rig(scale),
+        tracked.subject,
+        iter(tracked.pose[tracked.best_run]),
+    )
     poser, faces = Poser(subject.body, subject.root_base), subject.body.tracking_face
 
     def refine(masks: list[np.ndarray], images: list[np.ndarray | None]) -> list[np.ndarray]:
@@ -227,4 +251,5 @@ def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> tup
             for k, (mask, image) in enumerate(zip(masks, images, strict=True))
         ]
 
-    return refine, replace(scene, people={})
+    alone = tuple(replace(source, in_front=()) for source in scene.cameras)
+    return refine, replace(scene, people={}, person="", cameras=alone)

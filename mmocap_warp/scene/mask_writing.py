@@ -12,6 +12,7 @@ from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.image_files import WebmFile, make_image_folders, write_png
 from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
+from mmocap_warp.masks.frames import VideoFile
 from mmocap_warp.masks.people import UNDECIDED
 from mmocap_warp.scene.camera_source import CameraSource
 from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
@@ -62,7 +63,8 @@ def write_masks(
     people = [scene.of_person(name) for name in scene.people] or [scene]
     streams = zip(*(person.masks(scale) for person in people), strict=True)
     with WebmFile(folder / "overlay.webm", scene.rate) as video, ThreadPoolExecutor() as pool:
-        hidden = scene.hidden(scale) if scene.people else repeat([], scene.frame_count)
+        labelled = bool(scene.people) or scene.has_others
+        hidden = scene.hidden(scale) if labelled else repeat([], scene.frame_count)
         pairs = apart or zip(streams, hidden, strict=True)
         frames = zip(pairs, scene.images(scale) if images is None else images, strict=True)
         encoding: Future[None] = pool.submit(lambda: None)  # a frame, while the next one is made
@@ -71,7 +73,7 @@ def write_masks(
             if refine is not None:
                 before, masks = (), [refine(masks[0], views)]
             written = masks[0]
-            if scene.people:  # numbered from 1 on; what is filled lies behind what was there before
+            if labelled:  # numbered from 1 on; what is filled lies behind what was there before
                 written = [np.where(hides, np.uint8(UNDECIDED), np.uint8(0)) for hides in in_front]
                 for label, of_person in enumerate(zip(masks, before, strict=True), 1):
                     for labels, mask, old in zip(written, *of_person, strict=True):
@@ -164,7 +166,8 @@ def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
     for source in scene.cameras:
         media = {"masks": quoted(source.name), "video": path(source.video.path if source.video else None)}
         lines += ["", f"[cameras.{quoted(source.name)}]", *_key_lines(media | _placement(source, scene.fps))]
-    lines += ["", "[labels]", f"thing = {UNDECIDED}"] if people else []
+    lines += ["", "[labels]", f"thing = {UNDECIDED}"] if people or scene.has_others else []
+    lines += ["person = 1"] if scene.has_others and not people else []
     lines += ["told_apart = true   # by their poses"] if scene.of_several or scene.told_apart else []
     for number, (name, person) in enumerate(people.items(), 1):
         files = {"subject": path(person.subject), "body": path(person.body), "truth": path(person.truth)}
@@ -187,11 +190,12 @@ def _key_lines(values: Mapping[str, str | None]) -> list[str]:
 
 def _placement(source: CameraSource, fps: float) -> dict[str, str | None]:
     """The keys that place a camera's images in time and space, where they differ from the defaults."""
+    is_stated = isinstance(source.video, VideoFile) and not source.video.fps  # the file is wrong about it
     placed, corner = source.recorded_scale != 1 or source.recorded_offset != (0.0, 0.0), list(source.recorded_offset)
     return {
         "offset": repr((source.frame_offset + source.fraction) / (fps * source.rate)) if source.fraction else None,
         "frame_offset": str(source.frame_offset) if source.frame_offset and not source.fraction else None,
-        "fps": repr(fps * source.rate) if source.rate != 1.0 else None,
+        "fps": repr(fps * source.rate) if source.rate != 1.0 or is_stated else None,
         "centre_shift": str(list(source.centre_shift)) if source.centre_shift != (0.0, 0.0) else None,
         "video_from_calibrated": f"{{ scale = {source.recorded_scale!r}, offset = {corner} }}" if placed else None,
     }

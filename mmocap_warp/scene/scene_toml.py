@@ -120,7 +120,8 @@ def load_scene(
         raise labels.error("several is of two people or more", "name them in tables of their own: [people.<name>]")
     if not (tracked is None or tracked in named_people):
         raise about.error(f'person = "{tracked}" has no table', f"add [people.{tracked}], or leave person out")
-    needs = [each for each in _IMAGES[foreground.source] if not (live and each in ("video", "masks"))] if masks else []
+    to_come = ("video", "masks") if live and foreground.source != "recording" else ()
+    needs = [each for each in _IMAGES[foreground.source] if each not in to_come] if masks else []
     _check_sources(sources, rig, foreground, cameras, named_people, needs, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
@@ -288,7 +289,7 @@ def _frames(
         own = named.of(range(shortest), shortest)
     frames = own if asked is None else choice.of(own, shortest)
     for source in sources:
-        if source.mask_mark is None and abs(source.frame_offset) >= shortest:
+        if source.mask_mark is None and abs(source.shift) >= shortest:
             problem = f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames"
             raise table.error(problem, "give a shift of a few frames")
     _check_shared_time(filmed, counts, table)

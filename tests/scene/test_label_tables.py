@@ -1,17 +1,21 @@
 """Label images by role: who is tracked, what may be in front, and several people in one scene."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 from small_scene import FRAMES, SCENE, make_scene
+from synthetic import synthetic_subject
 
 from mmocap_warp.calibration.first_look import FirstLook
+from mmocap_warp.commands import mask
 from mmocap_warp.commands.inputs import look_first, scene_from, scene_of, scene_reference
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.masks import mask_files
 from mmocap_warp.masks.observation import Observation, unpack_masks
+from mmocap_warp.scene.mask_writing import write_masks
 from mmocap_warp.scene.scene_toml import load_scene
 
 PEOPLE = """
@@ -166,3 +170,23 @@ def test_views_that_differ_by_what_is_in_front_are_no_reason_to_refuse(folder, m
     assert notes == ["cameras: no common hull, and what is in front of the subject may be why"]
     with pytest.raises(InputError, match="no common hull"):
         look_first(scene_with(folder, "[labels]\nperson = 1\n"), None, reporter, False)
+
+
+def test_masks_of_one_person_that_are_written_keep_what_may_be_in_front(folder, tmp_path):
+    scene = scene_with(folder, "[labels]\nperson = 1\nthing = 3\nignore = { cam03 = [5] }\n")
+    made = load_scene(write_masks(scene, tmp_path / "made"))
+    assert made.foreground.keep == "all"
+    for mine, theirs in zip(seen(made), seen(scene), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def test_masks_around_one_persons_body_are_of_nobody_else(folder, monkeypatch):
+    scene = scene_with(folder, PEOPLE)
+    filmed = replace(scene, cameras=tuple(replace(camera, video=camera.masks) for camera in scene.cameras))
+    subject = synthetic_subject()
+    pose, numbers = np.tile(subject.pose, (1, FRAMES, 1)), np.arange(FRAMES)
+    result = SimpleNamespace(config={"person": "anna"}, frame_numbers=numbers, subject=subject, pose=pose, best_run=0)
+    monkeypatch.setattr(mask, "result_from", lambda given: (given, None))
+    monkeypatch.setattr(mask, "check_same_recording", lambda *_: None)
+    _, alone = mask._around_body(filmed, result, 1.0)
+    assert (alone.people, alone.person, alone.has_others) == ({}, "", False)

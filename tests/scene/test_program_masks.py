@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,7 @@ from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli import console
 from mmocap_warp.commands import mask as mask_command
 from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.masks import mask_program
 from mmocap_warp.scene.scene_toml import load_scene
 
@@ -194,6 +196,24 @@ def test_a_track_makes_the_masks_first_and_once(scene: Path, monkeypatch: pytest
         mask_command.with_masks(asked, mm.Reporter(), mm.TrackConfig())
 
 
+def test_masks_that_are_made_follow_what_the_scene_says_since(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = mask_program.MaskProgram("mediapipe", tuple(shlex.split(stand_in(scene))))
+    monkeypatch.setattr(mask_command, "find_program", lambda text, note: program)
+    mask_command.with_masks(load_scene(scene), mm.Reporter(), mm.TrackConfig())
+    edit(scene / "scene.toml", "evaluations = 60", "evaluations = 61")
+    later = (scene / "masks" / "scene.toml").stat().st_mtime + 5
+    os.utime(scene / "scene.toml", (later, later))
+    made = mask_command.with_masks(load_scene(scene), mm.Reporter(), mm.TrackConfig())
+    assert made.track["evaluations"] == 61
+    assert len(starts(scene)) == 3  # the masks are the same
+    rig = load_scene(scene).calibrated
+    write_toml_rig(scene / "other.toml", replace(rig, K=rig.K * [[[1.1], [1.1], [1.0]]]))
+    edit(scene / "scene.toml", '"calibration.toml"', '"other.toml"')
+    os.utime(scene / "scene.toml", (later + 5, later + 5))
+    with pytest.raises(InputError, match="undistorted with another calibration"):
+        mask_command.with_masks(load_scene(scene), mm.Reporter(), mm.TrackConfig())
+
+
 def test_unfinished_masks_of_another_scale_are_refused(scene: Path) -> None:
     with pytest.raises(InputError, match="exit code 1"):
         mm.mask(scene, scene / "made", with_=stand_in(scene, "sys.exit(1)"))
@@ -207,6 +227,17 @@ def test_a_command_that_is_none(scene: Path) -> None:
     for text, problem in (("", "names no program"), ("'open", "is no command")):
         with pytest.raises(UsageError, match=problem):
             mm.mask(scene, scene / "other", with_=text)
+
+
+def test_a_scene_in_memory_may_ask_for_subtraction(tmp_path: Path) -> None:
+    """As the plan of a batch does; it takes the clean plate, and not the masks that are there."""
+    folder = write_scene(tmp_path)
+    made = mm.load_scene(mm.mask(mm.load_scene(folder), folder / "made", with_="subtraction").scene)
+    subtracted = mm.mask(folder, folder / "subtracted", with_="subtraction").scene
+    given = mm.load_scene(folder).masks()
+    for views, again, others in zip(made.masks(), mm.load_scene(subtracted).masks(), given, strict=True):
+        np.testing.assert_array_equal(views, again)
+        assert any((one != other).any() for one, other in zip(views, others, strict=True))
 
 
 def test_subtraction_takes_the_best_background(tmp_path: Path) -> None:

@@ -81,6 +81,23 @@ def test_made_masks_keep_step_with_an_offset_in_seconds(folder: Path, tmp_path: 
         np.testing.assert_allclose(np.asarray(seen.late), np.asarray(read.late), atol=1e-12)
 
 
+def test_made_masks_of_a_video_that_is_wrong_about_its_rate_are_read_again(folder: Path, tmp_path: Path) -> None:
+    edit(folder, "fps = 30", "fps = 60")
+    for name in ("cam01", "cam02", "cam03"):
+        edit(folder, f'masks = "masks/{name}"', f'masks = "masks/{name}"\nfps = 60')
+    made = load_scene(write_masks(load_scene(folder), tmp_path / "made", 1.0))
+    assert [(camera.rate, camera.video.fps) for camera in made.cameras] == [(1.0, 0.0)] * 3
+
+
+def test_a_fast_cameras_offset_is_counted_in_the_recordings_frames(folder: Path) -> None:
+    """Cameras have two frames to one of the recording, which has three."""
+    edit(folder, "fps = 30", "fps = 30\nframes = 1")
+    for name in ("cam01", "cam02", "cam03"):
+        edit(folder, f'masks = "masks/{name}"', f'masks = "masks/{name}"\nfps = 60')
+    edit(folder, MASKS, f"{MASKS}\nframe_offset = 3")
+    assert (load_scene(folder).cameras[2].shift, load_scene(folder).frame_count) == (2, 1)
+
+
 @pytest.mark.parametrize(
     ("lines", "says"),
     [

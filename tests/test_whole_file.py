@@ -15,6 +15,7 @@ from synthetic import synthetic_result
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.image_files import WebmFile, write_png
+from mmocap_warp.formats.toml_table import relative_path
 from mmocap_warp.formats.usd.usd_file import write_stage
 from mmocap_warp.formats.usd.usd_result import export_animation, write_result
 from mmocap_warp.whole_file import whole_file, write_whole
@@ -128,3 +129,13 @@ def test_an_error_amid_writing_is_not_hidden(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         broken()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_another_drive_has_no_relative_path(tmp_path, monkeypatch):
+    assert relative_path(tmp_path / "a" / "b", tmp_path) == Path("a/b")
+
+    def other_drive(*_) -> str:
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    monkeypatch.setattr("os.path.relpath", other_drive)
+    assert relative_path(tmp_path / "a", tmp_path) == tmp_path / "a"

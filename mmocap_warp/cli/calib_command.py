@@ -43,9 +43,13 @@ def solve(call: Any, loaded: Scene, height: float, output: Path, picture: Path |
     try:
         cameras = call()
     except UnsolvableError as error:
-        return Answer({"solved": False, "reason": str(error)}, [f"check failed: {error}"], CHECK_FAILED)
+        return _unsolvable(error)
     values = _values(loaded, cameras, output, picture)
     return Answer(values, _lines(loaded, cameras, values, height))
+
+
+def _unsolvable(error: Exception) -> Answer:
+    return Answer({"solved": False, "reason": str(error)}, [f"check failed: {error}"], CHECK_FAILED)
 
 
 def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | None) -> dict[str, Any]:
@@ -146,7 +150,12 @@ def convert(call: Any, output: Path) -> Answer:
     output=Given(Path, Path("calibration.toml")),
 )
 def board(call: Any, videos: tuple[Path, ...], output: Path, picture: Path | None, person: Path | None) -> Answer:
-    found = call()
+    from mmocap_warp.calibration.solve import UnsolvableError
+
+    try:
+        found = call()
+    except UnsolvableError as error:
+        return _unsolvable(error)
     rig = found.rig
     rows: list[tuple[str, ...]] = [_BOARD_COLUMNS]
     cameras = []

@@ -90,7 +90,9 @@ def _track(call: Any, console: Console, scene: Scene, output: Path, whole: bool,
     if whole and not asked and tracked.config.get("cameras") != REFINE and verdict(tracked)["cameras"]:
         console.note(f"track: cameras disagree; they are refined for a second run (--cameras '{AS_GIVEN}' leaves them)")
         try:
-            tracked = call(**changes | {"scene": scene, "output": output, "force": True, "cameras": REFINE})
+            tracked = call(
+                **changes | {"scene": scene, "output": output, "force": True, "resume": False, "cameras": REFINE}
+            )
         except InputError as error:  # nobody has asked for them
             console.warn(f"cameras stay as they are: {error}")
     return tracked

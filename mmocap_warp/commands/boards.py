@@ -72,6 +72,8 @@ def calibrate_board(
     file = None if output is None else new_file(output, ".toml", force=force)
     image = None if picture is None else new_file(picture, ".png", force=force)
     sources = _sources([Path(video) for video in ([videos] if isinstance(videos, str | Path) else videos)])
+    if len(sources) < 2:
+        raise UsageError("a rig has two cameras at least: give a video of each, or a scene")
     names, sizes = list(sources), np.array([frames.size for frames, _ in sources.values()])
     lenses = None if known is None else _lenses(Path(known), names, sizes)
     # The same moments of all cameras.
@@ -113,8 +115,6 @@ def _sources(videos: Sequence[Path]) -> dict[str, tuple[Frames, CameraSource | N
         if name in opened:
             raise InputError(video, f"is a second video of a camera '{name}'", "give the files names of their own")
         opened[name] = open_frames(video), None
-    if len(opened) < 2:
-        raise UsageError("a rig has two cameras at least: give a video of each, or a scene")
     return opened
 
 

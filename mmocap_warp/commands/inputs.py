@@ -13,7 +13,7 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.commands.caller import Reporter, arguments_checked, effective
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.table import read_calibration
-from mmocap_warp.formats.toml_table import load_toml
+from mmocap_warp.formats.toml_table import load_toml, relative_path
 from mmocap_warp.masks.cleanup import clean_mask, rivals
 from mmocap_warp.masks.mask_image import Labels, decode_mask
 from mmocap_warp.result.result import Result
@@ -150,7 +150,7 @@ def positions_of(result: Result, frames: Frames) -> list[int]:
 def scene_reference(scene: Scene, file: Path | None, prefix: str = "") -> dict[str, str | int]:
     """How a result or a subject names scene and person: relative to its own file, so that both can move together."""
     path, identity = scene.path.resolve(), scene.foreground.identity
-    reference = path if file is None else Path(os.path.relpath(path, file.resolve().parent))
+    reference = path if file is None else relative_path(path, file.resolve().parent)
     known: dict[str, str | int] = {"identity": identity, "person": scene.person}
     return {f"{prefix}scene": reference.as_posix()} | {f"{prefix}{key}": of for key, of in known.items() if of}
 
@@ -194,8 +194,13 @@ def scene_of(
     found = found.of_person(person) if person in found.people else found
     if not isinstance(made, Result) or path is None or found.calibrated.names != made.cameras.names:
         return found
-    refined = made.config.get("refined_cameras")
-    return with_refined(found, kept) if refined and (kept := path.with_name(refined)).exists() else found
+    return as_tracked(found, made, path)
+
+
+def as_tracked(scene: Scene, result: Result, path: Path | None) -> Scene:
+    """The scene with the cameras that a result, whose file is at ``path``, was tracked with."""
+    refined = path and result.config.get("refined_cameras")
+    return with_refined(scene, kept) if path and refined and (kept := path.with_name(refined)).exists() else scene
 
 
 def with_refined(scene: Scene, file: Path) -> Scene:
@@ -224,10 +229,11 @@ def truth_of(scene: Scene | None) -> Truth | None:
     return load_truth(scene.truth, scene.truth_axes, scene.truth_first_frame)
 
 
-def keep_truth(output: Path | None, scene: Scene) -> None:
-    """See that an output is not the truth of its scene, as an InputError says."""
-    if output is not None and scene.truth is not None and os.path.realpath(output) == os.path.realpath(scene.truth):
-        raise InputError(output, "is the truth that the scene names", "write elsewhere")
+def keep_named(output: Path | None, scene: Scene, *names: str) -> None:
+    """See that an output is no file that its scene names, as truth, subject or calibration; else an InputError."""
+    for name, file in ((name, getattr(scene, name)) for name in names):
+        if output is not None and file is not None and os.path.realpath(output) == os.path.realpath(file):
+            raise InputError(output, f"is the {name} that the scene names", "write elsewhere")
 
 
 def _others(scene: Scene, source: CameraSource) -> str | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,7 +28,7 @@ from mmocap_warp.result.excerpt import at_rate, before_smoothing, evenly, of_run
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.result.verdict import verdict
-from mmocap_warp.scene.frame_choice import as_range
+from mmocap_warp.scene.frame_choice import stretches
 from mmocap_warp.scene.mask_writing import TINTS
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
@@ -72,8 +73,8 @@ def show(
         output: the video's file, .webm. The sheet, and a subject's picture, have the ending .png. [default: beside the
             result and named after it]
         frames: which of the result's frames. [default: all]
-        whole: show the whole images, not what is around the body over the clip.
-        slow: how many times slower than it was the video plays.
+        whole: show whole images, not only the part around the body.
+        slow: how many times slower the video plays.
         deviations: draw ellipses of ten standard deviations at the joints.
         strip: also write a small animated picture for a README beside the video, .webp.
         force: replace files that exist.
@@ -191,8 +192,9 @@ def draw_result(
         most = _DRAWN_LENGTH / int(scene.calibrated.size.max())
         scale = min(1.0, max(tracked, min(layout.scale, most)))
         result_video.check_same_recording(result, scene)
-        part = scene.of_frames(as_range(shown.frame_numbers.tolist()))
-        images, masks = part.images(scale), tracked_masks(scene, result, positions)
+        parts = (scene.of_frames(each) for each in stretches(shown.frame_numbers.tolist()))
+        images = chain.from_iterable(part.images(scale) for part in parts)
+        masks = tracked_masks(scene, result, positions)
     people = [
         (look, each.at(positions), None if of is None else tracked_masks(of, each, positions))
         for look, each, of in _people([(result, scene), *others])
@@ -257,10 +259,14 @@ def view(
     start_warp()
     if name is None:
         name = recorded.name if recorded is not None else "Tracked motion" if path is None else path.stem
+    about: dict[str, Any] = {"images": images, "joint_set": points, "name": name, "people": people}
     with reporter.stage("view") as progress:
-        shown = viewer.view(
-            tracked, recorded, truth=known, images=images, joint_set=points, name=name, people=people, progress=progress
-        )
+        try:
+            shown = viewer.view(tracked, recorded, truth=known, progress=progress, **about)
+        except InputError as error:
+            file = truth if isinstance(truth, str | Path) else recorded and recorded.truth
+            named = file if file and error.source == "truth" else error.source
+            raise InputError(named, error.problem, error.remedy) from None
     if page is not None:
         shown.write(page)
     return shown
@@ -305,7 +311,7 @@ def export(
         fps: frames per second, resampled by time. [default: the result's own]
         up: turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
             [default: the result's own, or the format's]
-        rig: name and bind the body as this one, at rest: mixamo, unity, unreal, vrm or soma. [default: vrm in a .vrma]
+        rig: name and bind joints as this rig does: mixamo, unity, unreal, vrm or soma. [default: vrm in a .vrma]
         joint_set: tables only: whose joints they go by, as eval takes it.
         bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
         force: replace files that exist.

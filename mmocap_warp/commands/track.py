@@ -61,10 +61,10 @@ def fit(
 
     Args:
         scene: the recording, or its file or folder.
-        body: the generic body that the subject's is near to: a shipped one's name or a USD file. It gets what the scene
-            says is attached. [default: the scene's, or adult_man]
+        body: a generic body like the subject's: a shipped one's name or a USD file. What the scene attaches is added.
+            [default: the scene's, or adult_man]
         config: settings. [default: those of the scene's [fit] table]
-        start_poses: in which the recording starts, about: names of the body's motions, of which some frames are tried,
+        start_poses: roughly how the recording starts: names of the body's motions, some frames of which are tried,
             or .toml files of angles in degrees such as 'LKnee.Rx = 40', shifts in metres; one or several. From Python
             also an array (pose, coordinate). [default: the body's usual ones]
         output: the subject's file: .usdc, .usda or .usd. Name it as 'subject' in the scene to track with it.
@@ -86,7 +86,7 @@ def fit(
     if isinstance(frames, int):
         settings, frames = settings | {"frames": frames}, None
     loaded = inputs.one_person(inputs.scene_from(scene, frames, identity, reporter, person=person))
-    inputs.keep_truth(file, loaded)
+    inputs.keep_named(file, loaded, "truth")
     chosen = effective(FitConfig, loaded.settings("fit"), settings, config)
     generic, poses = inputs.body_from(body, loaded), _start_poses(start_poses, body, loaded)
     is_given = config is not None or "device" in settings
@@ -208,17 +208,17 @@ def track(
     if again is not None:
         others = {"subject": subject, "body": body, "resume": resume, "pieces": pieces > 1}
         if given_too := [name for name, value in others.items() if value]:
-            raise UsageError(f"--again cannot be given with --{given_too[0]}: what it names is solved anew in part")
+            raise UsageError(f"--again cannot be given with --{given_too[0]}: it solves part of its result anew")
         if pins is not None and frames is not None:
             raise UsageError("--frames cannot be given with --pins, which say themselves what is solved anew")
     elif pins is not None:
         raise UsageError("--pins needs --again, the result whose frames were pinned")
     subject, body = _starts_from(subject, body)
     if subject is not None and (body is not None or rigid is not None):
-        raise UsageError("--body and --rigid say how a subject is fitted: --subject names one that is")
+        raise UsageError("--body and --rigid say how to fit a subject; --subject names a fitted one")
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
     loaded = inputs.one_person(inputs.scene_from(scene, frames, identity, reporter, person=person))
-    inputs.keep_truth(file, loaded)
+    inputs.keep_named(file, loaded, "truth", "subject")
     if again is not None:
         from mmocap_warp.commands.track_again import solved_again  # and with it what draws
 
@@ -316,6 +316,7 @@ def _refined(
     kept = None if output is None else output.with_name(f"{output.stem}.calibration.toml")
     refined: Scene | None = None
     if not begun:
+        inputs.keep_named(kept, scene, "calibration")
         adjust = AdjustConfig(seed=config.seed, device=config.device, threads=config.threads, subject=subject)
         found = refine_scene(scene, body, adjust, kept, reporter)
         if found.better:
@@ -326,7 +327,7 @@ def _refined(
     if kept is not None and kept.exists():
         refined = inputs.with_refined(scene, kept)
     if refined is None:
-        reporter.note("cameras: as given, no change explains the masks significantly better")
+        reporter.note("cameras: as given; no change explains the masks significantly better")
         return scene, {}
     kept_in = "in memory" if kept is None else kept.name
     reporter.note(f"cameras: refined, {kept_in}")
@@ -363,6 +364,7 @@ def _fitted(
     stated = {name: value for name, value in settings.items() if name == "rigid" or name in given}
     _check_model(generic, scene, config, given)
     reporter.note(f"fit: {describe(fit, scene.fit, stated)}")
+    inputs.keep_named(output, scene, "subject")
     subject = fit_subject(scene, generic, fit, output, reporter, trusted)
     return subject if output is None else read_subject(output)  # as a resumed run will find it, to the last bit
 

@@ -62,9 +62,17 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
+def relative_path(path: Path, folder: Path) -> Path:
+    """A path from a folder; on another drive of Windows, to which none leads, it is absolute."""
+    try:
+        return Path(os.path.relpath(path, folder))
+    except ValueError:
+        return path.absolute()
+
+
 def quoted_path(path: Path, folder: Path) -> str:
     """A path as a TOML string, for a file in ``folder``: from there, with slashes; an InputError if it is not UTF-8."""
-    return quoted(Path(native_path(os.path.relpath(path.resolve(), folder.resolve()))).as_posix())
+    return quoted(Path(native_path(str(relative_path(path.resolve(), folder.resolve())))).as_posix())
 
 
 def toml_value(value: Any) -> str:

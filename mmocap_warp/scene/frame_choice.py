@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Protocol, Self, TypeVar
 
-from mmocap_warp.errors import UsageError
 from mmocap_warp.masks.frames import VideoFile
 
 
@@ -60,13 +59,17 @@ class FrameChoice:
         return f"{self.first}:{'' if self.end is None else self.end}{stride}"
 
 
-def as_range(numbers: list[int]) -> range:
-    """Ascending frame numbers as a range; a UsageError if they are not evenly spaced."""
-    step = numbers[1] - numbers[0] if len(numbers) > 1 else 1
-    frames = range(numbers[0], numbers[0] + step * len(numbers), step)
-    if list(frames) != numbers:
-        raise UsageError("frames are not evenly spaced: choose some that are")
-    return frames
+def stretches(numbers: list[int]) -> list[range]:
+    """Ascending frame numbers as ranges, of which one is enough where they are evenly spaced."""
+    ranges: list[range] = []
+    for number in numbers:
+        last = ranges[-1] if ranges else None
+        if last is not None and (len(last) == 1 or number == last.stop):
+            step = number - last.start if len(last) == 1 else last.step
+            ranges[-1] = range(last.start, number + step, step)
+        else:
+            ranges.append(range(number, number + 1))
+    return ranges
 
 
 Image = TypeVar("Image", covariant=True)

@@ -35,7 +35,7 @@ class GrowingResult:
     ) -> None:
         start, self._frames = lost_frame(subject.pose[None], len(rig)), frames
         begun = collect(subject, rig, fps, config, [start], frames[:1])  # all that is known before a frame comes
-        write_result(path, begun := replace(begun, raw_pose=begun.pose, config=begun.config | whose))
+        write_result(_begun(path), begun := replace(begun, raw_pose=begun.pose, config=begun.config | whose))
         self._path, self._kind = path, _record(begun)
         self._file = path.with_name(f"{path.name}.frames").open("wb", buffering=0)
 
@@ -56,20 +56,24 @@ class GrowingResult:
 
 
 def finish(path: Path) -> bool:
-    """Make a growing result whole, and say whether there was one; without any frame, nothing is left of it."""
+    """Make a growing result whole, and say whether there was one; without any frame, an older result stays."""
     if not (beside := path.with_name(f"{path.name}.frames")).exists():
         return False
-    begun, data = read_result(path), beside.read_bytes()
+    begun, data = read_result(_begun(path)), beside.read_bytes()
     kind = _record(begun)
     records = np.frombuffer(data, kind, len(data) // kind.itemsize)  # without what was half-written at a kill
     if count := len(records):
         arrays: dict[str, Any] = {name: np.moveaxis(records[name], 0, 1).copy() for name in _KINDS}
         arrays |= {name: np.repeat(getattr(begun, name), count, axis=1) for name in ("cost", "evaluations")}
         write_result(path, replace(begun, frame_numbers=records["frame_numbers"], **arrays))
-    else:
-        path.unlink()
     beside.unlink()
+    _begun(path).unlink()
     return True
+
+
+def _begun(path: Path) -> Path:
+    """Where all is kept meanwhile that is known before a frame comes."""
+    return path.with_name(f"{path.stem}.begun{path.suffix}")
 
 
 def _record(result: Result) -> np.dtype:

@@ -17,6 +17,7 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import relative_path
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.truth import Truth, at_rate
 from mmocap_warp.scenes import ROOT
@@ -171,7 +172,7 @@ def _subject_file(scene: Scene) -> Path:
 def _images(scene: Scene, k: int) -> list:
     """Which frames camera ``k`` has: names relative to the scene and sizes, and how they are placed."""
     camera = scene.cameras[k]
-    prefix = cache(lambda folder: (Path(os.path.relpath(folder or ".", scene.directory)) / "_").as_posix()[:-1])
+    prefix = cache(lambda folder: (relative_path(Path(folder or "."), scene.directory) / "_").as_posix()[:-1])
     files = [
         (prefix(folder) + name, os.stat(file).st_size)
         for frames in (camera.video, camera.masks, camera.clean_plate, camera.background)

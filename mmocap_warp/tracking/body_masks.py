@@ -1,6 +1,7 @@
 """Where the tracked body is seen, which decides what ``keep = "nearest"`` keeps of the masks."""
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import Result
-from mmocap_warp.scene.frame_choice import as_range
+from mmocap_warp.scene.frame_choice import stretches
 from mmocap_warp.scene.recording import BodyMasks, Scene, ViewMasks
 
 
@@ -39,28 +40,29 @@ def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None 
     """The masks that a result was tracked from, made again: per frame of the result, per camera (height, width) bool.
 
     What ``keep = "nearest"`` kept depended on where the body was tracked, and so depends on the result here. Positions
-    in ``result.frame_numbers`` are ascending and evenly spaced; all are taken where they are omitted.
+    in ``result.frame_numbers`` are ascending; all are taken where they are omitted.
 
     Raises:
-        ValueError: frames that are not evenly spaced.
         InputError: images that turn out unreadable.
     """
-    part, scale, body = _again(scene, result, positions)
-    return part.masks(scale, body=body)
+    parts, scale, body = _again(scene, result, positions)
+    return chain.from_iterable(part.masks(scale, body=body) for part in parts)
 
 
 def tracked_observations(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[Observation]:
     """As :func:`tracked_masks`, with what else a tracker is told."""
-    part, scale, body = _again(scene, result, positions)
-    return part.observations(scale, body=body)
+    parts, scale, body = _again(scene, result, positions)
+    return chain.from_iterable(part.observations(scale, body=body) for part in parts)
 
 
-def _again(scene: Scene, result: Result, positions: Sequence[int] | None) -> tuple[Scene, float, BodyMasks | None]:
-    """The frames at ``positions`` as a scene, the masks' scale, and where the body was before each of them."""
+def _again(
+    scene: Scene, result: Result, positions: Sequence[int] | None
+) -> tuple[list[Scene], float, BodyMasks | None]:
+    """The frames at ``positions`` as scenes, the masks' scale, and where the body was before each of them."""
     scale = float(result.config.get("scale", 1.0))
     positions = range(len(result.frame_numbers)) if positions is None else positions
     tracked = result.pose if result.raw_pose is None else result.raw_pose
     poses = [result.subject.pose[None], *np.moveaxis(tracked, 1, 0)]
     before = map(body_silhouettes(result.subject, result.cameras), (poses[position] for position in positions))
     body = (lambda: next(before)) if scene.foreground.keep == "nearest" else None
-    return scene.of_frames(as_range(result.frame_numbers[list(positions)].tolist())), scale, body
+    return [scene.of_frames(each) for each in stretches(result.frame_numbers[list(positions)].tolist())], scale, body

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -13,10 +14,12 @@ from made_board import board_course, board_rig, in_world_of, render_board
 
 from mmocap_warp.calibration.board.board_cameras import Detections, calibrate_from_board, detect_board
 from mmocap_warp.calibration.board.pattern import Board
+from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cli import main
-from mmocap_warp.cli.console import OK, USAGE
-from mmocap_warp.errors import InputError
+from mmocap_warp.cli.console import CHECK_FAILED, OK, USAGE
+from mmocap_warp.commands import boards
+from mmocap_warp.errors import InputError, UsageError
 
 BOARD = Board.parse("charuco:5x7:80mm")
 
@@ -155,3 +158,20 @@ def test_five_cameras_of_made_pictures() -> None:
     assert focal < 0.2
     assert place < 5
     assert turn < 0.1
+
+
+def test_one_camera_is_no_rig(tmp_path: Path) -> None:
+    source = SimpleNamespace(video=SimpleNamespace(size=(640, 480)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(boards, "_sources", lambda _: {"cam01": (source.video, source)})
+        with pytest.raises(UsageError, match="a rig has two cameras at least"):
+            boards.calibrate_board(tmp_path / "scene.toml", "charuco:5x7:80mm")
+
+
+def test_a_walk_that_shows_no_floor_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    def unsolvable(**_) -> None:
+        raise UnsolvableError("the walk does not show the floor")
+
+    monkeypatch.setattr(boards, "calibrate_board", unsolvable)
+    assert main(["calib", "board", "a.mp4", "b.mp4", "--board", "charuco:5x7:80mm"]) == CHECK_FAILED
+    assert "check failed: the walk does not show the floor" in capsys.readouterr().out

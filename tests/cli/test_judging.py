@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
+import mmocap_warp as mm
 from mmocap_warp import cli
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.cli import console
+from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.usd_body import write_subject
-from mmocap_warp.formats.usd.usd_result import read_result
+from mmocap_warp.formats.usd.usd_result import read_result, write_result
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.tracker import Tracker
 
@@ -212,3 +214,23 @@ def test_masks_are_drawn_anew_around_a_tracked_body(tmp_path, capsys):
     made[3] = str(tmp_path / "again")
     assert cli.main([*made, str(tmp_path / "subject.usdc")]) == console.BAD_INPUT
     assert "is not a result; give the file that mmocap track wrote" in capsys.readouterr().err
+
+
+def test_frames_with_a_gap_are_shown(tmp_path, monkeypatch):
+    """As a live session leaves them whose machine stalled."""
+    scene = write_scene(tmp_path, 'keep = "nearest"')
+    result = tmp_path / "r.usdc"
+    cli.main(["track", str(scene), "-o", str(result), "--quiet", "--trust-cameras"])
+    kept = [number for number in range(FRAMES) if number not in (2,)]
+    write_result(result, read_result(result).at(kept))
+    for command in ("show", "view"):
+        assert cli.main([command, str(result), "--quiet"]) == console.OK
+    named = tmp_path / "truth.usdc"
+
+    def other_frames(*_, **__) -> None:
+        raise InputError("truth", "has other frames", "give the right one")
+
+    monkeypatch.setattr("mmocap_warp.display.page.viewer.view", other_frames)
+    monkeypatch.setattr("mmocap_warp.commands.show.load_truth", lambda _: None)
+    with pytest.raises(InputError, match=r"truth\.usdc: has other frames"):
+        mm.view(result, truth=named)

@@ -368,12 +368,14 @@ def test_cameras_that_disagree_are_refined_for_a_second_run(scene, result, capsy
 
     def track(**given):
         asked.append(given.get("cameras"))
+        assert not (given.get("resume") and given.get("force"))
         return replace(kept, config=kept.config | {"cameras": given.get("cameras", "as given")})
 
     monkeypatch.setattr("mmocap_warp.commands.track.track", track)
     monkeypatch.setattr("mmocap_warp.commands.show.show_all", lambda *_: {})
     for disagree, flags, runs in (
         ({"cam01": 20.0}, (), [None, "refine"]),
+        ({"cam01": 20.0}, ("--resume",), [None, "refine"]),
         ({"cam01": 20.0}, ("--cameras", "as given"), ["as given"]),
         ({}, (), [None]),
     ):

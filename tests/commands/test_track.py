@@ -237,7 +237,7 @@ def test_a_result_that_is_mended_elsewhere_has_its_refined_cameras_there(tmp_pat
 def test_what_says_how_a_subject_is_fitted_is_refused_beside_one():
     scene, subject = walk_and_subject()
     for given in ({"body": "adult_woman"}, {"rigid": True}):
-        with pytest.raises(UsageError, match="body and rigid say how a subject is fitted"):
+        with pytest.raises(UsageError, match="body and rigid say how to fit a subject"):
             mm.track(scene, subject, **SETTINGS, **given)
 
 
@@ -250,3 +250,19 @@ def test_a_scene_of_cameras_that_end_apart_is_opened_for_the_frames_of_a_result(
     assert scene_of(result, None, None).frame_count == 2
     fitted = replace(result.subject, provenance={"fit.scene": str(tmp_path / "walk"), "fit.first_frame": 1})
     assert scene_of(fitted, None, None).frame_count == 1
+
+
+def test_what_the_scene_names_is_not_replaced(tmp_path, monkeypatch):
+    scene, subject = walk_and_subject()
+    refining(monkeypatch, scene, -0.01)
+    own = tmp_path / "r.calibration.toml"
+    own.write_text("the scene's")
+    with pytest.raises(InputError, match=r"r\.calibration\.toml: is the calibration that the scene names"):
+        mm.track(replace(scene, calibration=own), subject, output=tmp_path / "r.usdc", **SETTINGS, cameras="refine")
+    assert own.read_text() == "the scene's"
+    own = tmp_path / "r.subject.usdc"
+    write_subject(own, subject)
+    with pytest.raises(InputError, match=r"r\.subject\.usdc: is the subject that the scene names"):
+        mm.track(replace(scene, subject=own), body="adult_man", output=tmp_path / "r.usdc", **SETTINGS)
+    with pytest.raises(InputError, match=r"r\.subject\.usdc: is the subject that the scene names"):
+        mm.track(replace(scene, subject=own), output=own, force=True, **SETTINGS)

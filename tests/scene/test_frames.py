@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from ball_scene import FRAMES, HEIGHT, RIG, WIDTH, ball_mask, ball_scene, edit
 
-from mmocap_warp.errors import InputError, UsageError
-from mmocap_warp.scene.frame_choice import FrameChoice, as_range
+from mmocap_warp.errors import InputError
+from mmocap_warp.scene.frame_choice import FrameChoice, stretches
 from mmocap_warp.scene.scene_toml import load_scene
 
 __all__ = ["ball_scene"]
@@ -48,11 +48,12 @@ def test_frames_that_there_are_not(text: str) -> None:
         FrameChoice.parse(text).of(range(10, 60), 100)
 
 
-def test_frame_numbers_as_a_range() -> None:
-    assert as_range([3]) == range(3, 4)
-    assert list(as_range([3, 5, 7])) == [3, 5, 7]
-    with pytest.raises(UsageError, match="evenly spaced"):
-        as_range([3, 5, 8])
+@pytest.mark.parametrize("numbers", [[3], [3, 5, 7], [3, 5, 8], [0, 1, 2, 50, 51, 52, 60], [0, 9, 10, 11]])
+def test_frame_numbers_as_ranges(numbers: list[int]) -> None:
+    ranges = stretches(numbers)
+    assert [number for each in ranges for number in each] == numbers
+    assert len(ranges) <= 1 + len(set(np.diff(numbers)))
+    assert stretches([3, 5, 7]) == [range(3, 8, 2)]
 
 
 @pytest.mark.parametrize(

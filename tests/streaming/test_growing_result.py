@@ -69,3 +69,14 @@ def test_after_a_kill_all_whole_frames_are_recovered(tmp_path):
 def test_without_a_frame_nothing_is_left(tmp_path):
     grown(tmp_path / "live.usdc").close()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_older_result_stays_until_there_is_a_frame(tmp_path):
+    path = tmp_path / "live.usdc"
+    path.write_bytes(b"older")
+    grown(path).close()
+    assert path.read_bytes() == b"older"
+    with closing(grown(path)) as result:
+        result.send(packets()[1])
+    assert read_result(path).frame_numbers.tolist() == [20]
+    assert [each.name for each in tmp_path.iterdir()] == ["live.usdc"]

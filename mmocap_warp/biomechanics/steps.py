@@ -172,7 +172,7 @@ def walking(
     strikes = sorted((int(frame), side) for side, foot in feet.items() for frame in foot.strikes)
     steps = []
     for (before, other), (frame, side) in pairwise(strikes):
-        if side != other and len(feet) == 2:
+        if side != other and frame > before and len(feet) == 2:  # who jumps lands on both
             way, reach = root[frame] - root[before], heel[side][frame] - heel[other][before]
             distance = float(np.linalg.norm(way))
             length = float(reach @ way) / distance if distance >= _LEAST_WAY else np.nan

@@ -41,7 +41,8 @@ def pinhole_of(K: np.ndarray, size: np.ndarray, distortion: np.ndarray) -> tuple
     )
     seen = (border - centre) / focal
     radius = np.maximum(np.linalg.norm(seen, axis=-1), 1e-12)
-    angle = np.interp(radius, image_radius(_TABLE, distortion), _TABLE)
+    # Beyond the image the polynomial may fold, which no lens does.
+    angle = np.interp(radius, np.maximum.accumulate(image_radius(_TABLE, distortion)), _TABLE)
     edge = seen * (np.tan(angle) / radius)[:, None] * focal + centre
     first = np.floor(np.round(edge.min(0) + 0.5, 6)).astype(int)
     last = np.ceil(np.round(edge.max(0) - 0.5, 6)).astype(int)

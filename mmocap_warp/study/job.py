@@ -20,6 +20,7 @@ from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracking.frame_loop import collect, track_frames
+from mmocap_warp.tracking.from_settings import in_own_unit
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -74,14 +75,16 @@ class Worker:
             clip = replace(clip, subject=self._solve(job, clip))
         answers: list[FrameAnswer] = []
         total, evaluations, pace = len(self._observations), 0, _Pace()
-        for answer in track_frames(make_tracker(clip.subject, clip.rig, config, clip.fps), self._observations):
+        subject, rig, own = in_own_unit(clip.subject, clip.rig, config)
+        for answer in track_frames(make_tracker(subject, rig, own, clip.fps), self._observations):
             answers.append(answer)
             evaluations += answer.evaluations * config.runs
             if pace.due():
                 yield Advance("search", len(answers), total, evaluations)
-        tracked = collect(clip.subject, clip.rig, clip.fps, config, answers)
+        tracked = collect(subject, rig, clip.fps, own, answers)
         if config.acceleration:
-            tracked = smoothed(tracked, config, self._observations)
+            tracked = smoothed(tracked, own, self._observations)
+        tracked = replace(tracked.in_unit(1 / clip.subject.body.unit), subject=clip.subject, cameras=clip.rig)
         meta = {
             "fps": clip.fps,
             "cameras": list(clip.rig.names),

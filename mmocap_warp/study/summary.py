@@ -57,7 +57,6 @@ BASELINES = {"stands-still": "stands still", "constant-velocity": "constant velo
 """What no tracker should fall behind, with their labels, see :mod:`mmocap_warp.study.baselines`."""
 
 _EXTRAS = {"polish": " + polish", "solved": ", body solved"}
-_COUNTS = ("limb_lost", "frames_lost")  # of frames; shown as a share of them
 _OF_STRANGERS = frozenset(name for name, plan in FURTHER_PLANS.items() if plan.person in STRANGERS)
 
 
@@ -115,6 +114,8 @@ def summarise(result: CellResult) -> CellSummary:
     """The short form of a cell's result; what it does not know is absent."""
     frames, once = len(result.frames), result.per_run
     runs, spread, curve, floors = {}, {}, {}, {}
+    known = np.isfinite(result.per_frame["mpjpe"]).any(axis=0).sum() if "mpjpe" in result.per_frame else frames
+    counted = {"limb_lost": max(known, 1), "frames_lost": frames}  # in these frames, of which a share is shown
     for measure in MEASURES:
         key, values = measure.key, _values(result, measure)
         if values is not None:
@@ -123,7 +124,7 @@ def summarise(result: CellResult) -> CellSummary:
             floor = float(np.mean(once.get(f"{key}_floor", np.nan))) * measure.factor
             floors |= {key: floor} if np.isfinite(floor) else {}
         elif key in once and np.isfinite(once[key]).all():
-            runs[key] = once[key] * measure.factor / (frames if key in _COUNTS else 1)
+            runs[key] = once[key] * measure.factor / counted.get(key, 1)
     typical, main = _typical(result)
     pose = result.pose[typical if len(result.pose) > 1 else 0].copy()
     middle = np.full(frames, np.nan) if main is None else main[typical].copy()

@@ -35,7 +35,8 @@ class RecoveryStarts:
         by_part = subject.body.skeleton.searched_by_part(config.dof).values()
         self._poser, self._limbs = Poser(subject.body, subject.root_base), limbs(subject.body.skeleton)
         self._searched = subject.body.skeleton.searched(config.dof)
-        self._parts = [index[index >= ROOT_ANGLES.stop] for index in by_part if (index >= ROOT_ANGLES.stop).any()]
+        own = [index[index >= ROOT_ANGLES.stop] for index in by_part]
+        self._parts = [index for index in own if len(index)] or own  # a body may have no joint but its root
 
     def within_limits(self, pose: np.ndarray) -> np.ndarray:
         """Poses as float32, within their limits."""

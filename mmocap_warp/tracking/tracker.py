@@ -120,6 +120,7 @@ def others_in(count: np.ndarray, foreground: np.ndarray) -> np.ndarray:
 
 def without_stranger(iou: np.ndarray) -> np.ndarray:
     """(n,) mean overlap of views (n, camera) that see anything; of four and more one may show another instead."""
-    lowest = (iou == np.nanmin(iou, axis=1, keepdims=True)) & (iou < _INSTEAD)
+    least, most = (of.reduce(iou, axis=1, keepdims=True) for of in (np.fmin, np.fmax))
+    lowest = (iou == least) & (iou < _INSTEAD) & (least < most)
     many = np.isfinite(iou).sum(axis=1, keepdims=True) >= _LEAST_VIEWS
     return np.asarray(np.nanmean(np.where(many & lowest, np.nan, iou), axis=1))

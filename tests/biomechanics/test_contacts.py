@@ -92,6 +92,8 @@ def test_a_jump_leaves_the_floor_with_both_feet():
     for foot in measure(answer(BODY, poses)).runs[0].feet.values():
         assert foot.offs.tolist() == [20]
         assert foot.strikes.tolist() == [41] or foot.strikes.tolist() == [40]
+    walking = measure(answer(BODY, poses)).runs[0].walking
+    assert np.isnan(walking.cadence) or all(step.seconds > 0 for step in walking.steps)
 
 
 def test_of_a_single_frame_no_contact_is_known():

@@ -311,3 +311,17 @@ def test_why_an_offset_is_in_doubt_is_said() -> None:
 def test_what_all_views_show_alike_is_the_top_and_the_movement_at_each_height() -> None:
     assert np.flatnonzero(LIKE[:10]).tolist() == [TOP]
     assert LIKE[TOP] == 2 * LIKE[-1]
+
+
+def test_views_that_never_see_somebody_at_once_have_no_hull() -> None:
+    rig = BALL_RIG.undistorted()
+    width, height = rig.size[0].tolist()
+    masks = np.zeros((3, 8, height, width), bool)
+    for k in range(3):
+        masks[k, k] = True  # each in a frame of its own
+    views = [PackedMasks(1.0) for _ in range(3)]
+    for view, of_view in zip(views, masks, strict=True):
+        for mask in of_view:
+            view.add(mask)
+    agreement = HullAgreement(rig, views, np.zeros(3, int), 1, Sampling(8, 100, 1))
+    assert agreement.judged == 0

@@ -135,3 +135,12 @@ def test_lenses_that_are_none_are_refused(lens: list[float], focal: float, probl
         return
     with pytest.raises(InputError, match=problem):
         check_rig(rig, "c.toml")
+
+
+def test_the_pinhole_ends_where_the_image_does_though_the_polynomial_folds_beyond() -> None:
+    """The lens reaches 45 degrees in the corners, is widest at 49, and comes back to less at 60."""
+    rig = replace(fisheye_rig(548.0), distortion=np.array([[-0.01, 0.1, -0.5, 0.1, 0.0]]))
+    assert check_rig(rig, "c.toml") is rig
+    pinhole = rig.undistorted()
+    corner = np.hypot(*(np.maximum(pinhole.K[0, :2, 2], pinhole.size[0] - pinhole.K[0, :2, 2]) / 548.0))
+    assert np.degrees(np.arctan(corner)) < 50

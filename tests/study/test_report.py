@@ -263,7 +263,9 @@ def test_a_summary_is_of_its_result():
     assert summary.typical_pose.shape == (60, 51)
     middle = np.argsort(summary.runs["mpjpe"])[2]
     np.testing.assert_allclose(summary.typical_curve, 1000 * result.per_frame["mpjpe"][middle].astype(float), rtol=1e-9)
-    np.testing.assert_allclose(summary.runs["limb_lost"], 100 * result.per_run["limb_lost"] / 60, rtol=1e-9)
+    judged = np.isfinite(result.per_frame["mpjpe"]).any(axis=0).sum()
+    assert judged < 60  # the truth has not all frames
+    np.testing.assert_allclose(summary.runs["limb_lost"], 100 * result.per_run["limb_lost"] / judged, rtol=1e-9)
 
 
 def test_tables_have_the_papers_layout(study):

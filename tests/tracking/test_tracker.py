@@ -1,3 +1,4 @@
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -352,3 +353,5 @@ def test_of_many_views_one_that_shows_another_instead_does_not_count():
     nan = np.nan
     iou = np.array([[0.9, 0.8, 0.7, 0.0], [0.9, 0.8, nan, 0.0], [0.9, 0.8, 0.7, nan], [0.9, 0.8, 0.7, 0.4]])
     np.testing.assert_allclose(without_stranger(iou), [0.8, 1.7 / 3, 0.8, 0.7])
+    with warnings.catch_warnings(action="error"):
+        assert without_stranger(np.zeros((1, 4))) == 0  # somebody who is elsewhere in all views is no stranger in one

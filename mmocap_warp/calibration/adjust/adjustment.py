@@ -25,6 +25,7 @@ from mmocap_warp.errors import InputError, input_errors
 from mmocap_warp.fitting.frame_fit import PRIOR
 from mmocap_warp.fitting.standing_search import NoSubjectError
 from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip
+from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.frame_loop import track_observations
@@ -95,7 +96,7 @@ class Adjustment:
         # The solution is taken only where the silhouettes' hulls agree better with it.
         solution = LandmarkProblem(self.given, landmarks(self.given, observations), self.footage.fps, sigma).solve()
         some = observations[:: max(1, len(observations) // _COHERENCE_FRAMES)]
-        before, after = (np.nanmean(coherence(changed(self.given, each), some)) for each in (none, solution))
+        before, after = (nanmean(coherence(changed(self.given, each), some), axis=0) for each in (none, solution))
         return solution if after > before + _MIN_COHERENCE_GAIN else none
 
     def fit_body(self, change: np.ndarray) -> Subject:

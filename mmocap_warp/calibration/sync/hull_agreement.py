@@ -130,7 +130,7 @@ class HullAgreement:
                 seen.append([masks.any(axis=(1, 2)) for masks in some])
                 judged.append(frame)
         # By frame, view and lag; the points are bits of bytes.
-        self._inside = np.array(inside, np.uint8).reshape(len(inside), len(rig), len(lags), -1)
+        self._inside = np.array(inside, np.uint8).reshape(len(inside), len(rig), len(lags), -(-sampling.points // 8))
         self._seen = np.array(seen, bool).reshape(len(inside), len(rig), len(lags))
         self._own = _count(self._inside)  # (frame, view, lag)
         self._frame = np.array(judged, int)

@@ -52,7 +52,7 @@ def import_body(call: Any, output: Path) -> Answer:
         f"{output}: {len(skeleton.joints)} joints ({counts}), "
         f"{len(skeleton.searched())} degrees of freedom, {len(skeleton.pairs)} left-right pairs"
         + (", rigid" if body.rigid else "")
-        + ("" if skeleton.stands else ", lies anyhow")
+        + ("" if skeleton.stands else ", any way up")
         + ("" if made.freedom[0].free else ", on a base that stands still"),
         f"  {wide:.3g} m wide, {tall:.3g} m tall, {long:.3g} m long; {len(body.tracking_face)} tracking triangles",
         *(f"  {note}" for note in made.notes),

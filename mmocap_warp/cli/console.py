@@ -32,7 +32,7 @@ TERMINATED = 143  # stopped by SIGTERM, as by a scheduler or a machine that shut
 Switch = Annotated[bool, Parameter(negative="", show_default=False)]
 Output = Parameter(name=["--output", "-o"])
 Pictures = Annotated[Path | None, Output]
-_IDENTITY = "Who is meant, where masks show several: the index in their palette, or their gray level."
+_IDENTITY = "The person to take, where masks show several: a palette index or a gray level."
 _SCENE_FRAMES = (
     "Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or a "
     "count of those that the scene names. [default: those that the scene names]"

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 _DECIDED_BY = {
     True: "the visual hull: these silhouettes fit into one body",
-    False: "when silhouettes move: the calibration or the motion is too poor for the visual hull to tell",
-    None: "when silhouettes move: right within a frame or two, better with a calibration",
+    False: "the silhouettes' motion: the calibration or the motion is too poor for the visual hull to tell",
+    None: "the silhouettes' motion: right within a frame or two, better with a calibration",
 }
 
 

@@ -243,7 +243,7 @@ def batch(
         address: ray: of the cluster; auto finds the one that this machine belongs to.
         workers: how many scenes at a time. [default: one on each device, or on each machine of a cluster]
         gpus: ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
-        minutes: of the run, from when its workers are started; the same command goes on.
+        minutes: limit of the run, from its workers' start; the same command continues.
         show: called with the status, at least twice a second.
         reporter: receives scenes that are given up.
 

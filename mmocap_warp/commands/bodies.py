@@ -190,7 +190,7 @@ def learn_body(
         output: the new body's file: .usdc, .usda or .usd.
         motions: some of the body's motions. [default: all, unless results are given]
         results: tracks of the same joints, of which all frames that were not lost count.
-        margin: by which limits are wider than the angles seen, at either end, in degrees.
+        margin: how far limits exceed the angles seen, at either end, in degrees.
         force: replace a file that exists.
 
     Raises:

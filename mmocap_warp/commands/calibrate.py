@@ -223,7 +223,7 @@ def refine_cameras(
     Args:
         scene: the scene, or its file or folder.
         output: the refined calibration, .toml; it is written only if held-out frames agree that it is better.
-        fixed: the camera that stands still and gives the time. [default: the one beside which the others move least]
+        fixed: the camera that stands still and gives the time. [default: the one relative to which others move least]
         height: of the person, in metres: gives the scale.
         distance: two cameras and the metres between their centres, such as cam01 cam02 3.20: gives the scale.
         body: a generic one near the person's: a shipped one's name or a USD file. [default: the scene's, or adult_man]

@@ -70,10 +70,9 @@ def run_study(
         address: ray: of the cluster; auto finds the one that this machine belongs to.
         workers: ray: how many. [default: one on each GPU, or on each machine without any]
         gpus: ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
-        minutes: of the run, from when its workers are started. A cell that would not be finished in time is not begun;
+        minutes: limit of the run, from its workers' start. A cell that would not be finished in time is not begun;
             the same command goes on.
-        poses: what is kept of them: all, or typical, those of the run in the middle, which a report draws. Numbers are
-            kept of all runs.
+        poses: which are kept: all, or typical, the median run's, which a report draws. All runs' numbers are kept.
         accept_changed_code: keep what another version of the program has finished, where three cells of the algorithm
             that are tracked again have the same bits.
         show: called with the study's status, at least twice a second.

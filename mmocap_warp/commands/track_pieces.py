@@ -137,7 +137,7 @@ def track_in_pieces(
         if result is None or (parts and _leads_elsewhere(parts[-1], result)):
             if parts:
                 first, before = piece.scene.first_frame, parts[-1]
-                reporter.note(f"pieces: from frame {first} on that before is followed instead")
+                reporter.note(f"pieces: from frame {first} on the previous piece is continued")
                 pose = before.pose[before.best_run, before.frame_numbers.tolist().index(first)]
                 piece = replace(piece.starting_at(pose), checkpoint=files[count + k])
             with reporter.stage("track again") as progress:

@@ -19,9 +19,9 @@ class FitConfig:
 
     seed: int = setting(0, "Where random numbers begin.")
     scale: float | None = setting(
-        None, "What scales the views, up to 1.", f"images {LONGEST_IMAGE} pixels long, which is plenty for a shape"
+        None, "Scale of the views, up to 1.", f"images {LONGEST_IMAGE} pixels long, which is plenty for a shape"
     )
-    headings: int = setting(8, "How many directions it starts from; of a body that starts anyhow, the best of many.")
+    headings: int = setting(8, "How many directions it starts from; for a body that may lie any way up, the best.")
     evaluations: int = setting(1000, "What is spent on each heading.", flag=False)
     finalists: int = setting(4, "How many headings have their limbs searched.", flag=False)
     frames: int = setting(

@@ -90,7 +90,7 @@ def with_people(scene: Scene, folder: Path, scale: float, note: Callable[[str], 
     scene = replace(scene, cameras=tuple(cameras))
     if len(seen) == 1:
         return scene
-    note("people: person1 is tracked; [scene] person in the masks' scene.toml chooses, without it everybody is")
+    note("people: person1 is tracked; change [scene] person in the masks' scene.toml, or remove it for all")
     named = {f"person{n}": Person((person,) * len(given)) for n, person in enumerate(seen, 1)}
     named["person1"] = replace(named["person1"], subject=scene.subject, truth=scene.truth)
     return replace(scene, foreground=replace(scene.foreground, keep="all"), people=named).of_person("person1")

@@ -38,8 +38,8 @@ class TrackConfig:
     polish: bool = setting(False, "Finish each frame of one of the paper's algorithms by its contours.")
     smooth: float | None = setting(
         None,
-        "What a joint's acceleration may be, as a standard deviation in m/s^2, when the clip's frames are solved "
-        "together; 0 leaves each frame as it was tracked.",
+        "Standard deviation of a joint's acceleration in m/s^2, when the clip's frames are solved together; 0 leaves "
+        "each frame as it was tracked.",
         f"{ACCELERATION:g} with contours, 0 with the paper's algorithms",
     )
     seed: int = setting(0, "Of the first run; run r uses seed + r.")
@@ -52,11 +52,11 @@ class TrackConfig:
     limits: bool = setting(True, "Keep joints within their anatomical limits.")
     cameras: str = setting(
         AS_GIVEN,
-        f"'{AS_GIVEN}', or '{REFINE}': before a scene is tracked, cameras and times are refined by the subject before "
-        "them, as far as that is significantly better.",
+        f"'{AS_GIVEN}', or '{REFINE}': cameras and times are first refined by the subject in front of them, where that "
+        "is significantly better.",
     )
     scale: float = setting(
-        1.0, "Of masks and cameras, up to 1.", "1; in large images of a scene what leaves the subject 220 to 440 pixels"
+        1.0, "Of masks and cameras, up to 1.", "1; in large images less, for a subject of 220 to 440 pixels"
     )
     device: str = setting("auto", "auto, cpu or a CUDA device such as cuda:0.")
     threads: int | None = setting(None, "CPU threads.", "all that this process may use")

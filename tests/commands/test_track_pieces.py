@@ -135,7 +135,7 @@ def test_pieces_that_agree_meet_where_they_are_nearest(scene, whole, monkeypatch
 )
 def test_a_piece_that_finds_nobody_or_leads_elsewhere_follows_the_one_before(scene, whole, monkeypatch, fate):
     result, notes, _ = in_two(scene, monkeypatch, {SECOND: [fate]})
-    assert notes == [f"pieces: from frame {SECOND} on that before is followed instead"]
+    assert notes == [f"pieces: from frame {SECOND} on the previous piece is continued"]
     assert apart(result, whole).max() < 0.04
 
 

@@ -69,7 +69,7 @@ class AdjustConfig:
         Deviations(), "How far cameras may be from their calibration.", "those of Deviations", flag=False
     )
     fixed: str | None = setting(
-        None, "The camera that stands still.", "the one beside which the others move least", flag=False
+        None, "The camera that stands still.", "the one relative to which others move least", flag=False
     )
     height: float | None = setting(None, "How tall the person is, where that is known [m].", flag=False)
     distance: tuple[str, str, float] | None = setting(

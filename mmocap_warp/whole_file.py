@@ -44,11 +44,7 @@ def walk(folder: str | Path) -> Iterator[tuple[str, list[str], list[str]]]:
 
 
 def native_path(path: str | Path) -> str:
-    """A path as OpenCV, USD and ezc3d take it, and TOML files name it: another may end the process in them.
-
-    Raises:
-        InputError: it is not UTF-8.
-    """
+    """A path as OpenCV, USD, ezc3d and TOML take it; an InputError where it is not UTF-8, which may end the process."""
     problem, remedy = "has a name that is not UTF-8", "rename the file or its folder"
     with input_errors(ascii(str(path)), problem, remedy, UnicodeEncodeError):
         return str(path).encode().decode()
@@ -137,11 +133,7 @@ def read_text(
     encoding: str = "utf-8-sig",
     errors: str = "strict",
 ) -> str:
-    """A file's text, by default of UTF-8 with or without a byte order mark.
-
-    Raises:
-        InputError: as :func:`read_bytes`, or it is no text.
-    """
+    """A file's text, by default of UTF-8; an InputError as :func:`read_bytes` has it, or where it is no text."""
     data = read_bytes(path, remedy, missing=missing, most=most)
     with input_errors(path, "cannot be read as text ({error})", remedy, ValueError):
         return io.TextIOWrapper(io.BytesIO(data), encoding, errors).read()

@@ -85,11 +85,7 @@ class JointSet:
 
 
 def joint_set(name: str | Path, body: BodyModel) -> JointSet:
-    """A set of joints of a body: ``rig``, one that the body or the program has, or a user's file that ends in .toml.
-
-    Raises:
-        InputError: no such set, or one that is not for this body.
-    """
+    """A body's joint set: ``rig``, one of the body or the program, or a .toml file; an InputError for no such set."""
     skeleton, known = body.skeleton, body.joint_sets
     if name == RIG:
         number, none = np.arange(len(skeleton.joints)), np.zeros(0, int)
@@ -106,11 +102,7 @@ def joint_set(name: str | Path, body: BodyModel) -> JointSet:
 
 
 def parse_joint_set(text: str, body: BodyModel, source: str | Path, name: str = "") -> JointSet:
-    """The set of a table in TOML, for a body, under a name; ``source`` is named in errors.
-
-    Raises:
-        InputError: it is no such table, or it names a joint or a vertex that the body lacks.
-    """
+    """A body's set of a table in TOML; an InputError, which names ``source``, if it is none or of another body."""
     with input_errors(source, "is not valid TOML: {error}", "correct that line", ValueError, RecursionError):
         table = tomllib.loads(text)
     landmarks, points, vertices = (table.get(key, {}) for key in ("landmarks", "joints", "vertices"))

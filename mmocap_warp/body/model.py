@@ -220,11 +220,7 @@ class BodyMotion:
 
 
 def motion_named(name: str, motions: Mapping[str, BodyMotion], body_file: Path) -> BodyMotion:
-    """One of the motions that came with the body of a file, by its name or, where one motion ends in it, its end.
-
-    Raises:
-        InputError: there is none, or several end so.
-    """
+    """One of a body file's motions, by its name or an end that only one has; an InputError for none, or several."""
     for end in (f"|{name}", name):  # many programs put the armature's name before it
         named = [name] if name in motions else [each for each in motions if each.endswith(end)]
         if len(named) == 1:

@@ -239,11 +239,7 @@ class Skeleton:
         return next(iter(self.models)) if model is None else model
 
     def searched_by_part(self, model: int | None = None) -> dict[str, np.ndarray]:
-        """The coordinates that a model searches, by part and in order; parts without any are left out.
-
-        Raises:
-            ValueError: no such model.
-        """
+        """A model's searched coordinates by part, in order, without empty parts; a ValueError for no such model."""
         index = self.searched(model)
         part = np.asarray(self.part)[np.maximum((index - TRANSLATION) // 3, 0)]  # the translation goes with the root
         return {name: index[part == i] for i, name in enumerate(self.parts) if (part == i).any()}

@@ -129,11 +129,7 @@ def body_from(body: BodyModel | str | Path | None, scene: Scene) -> BodyModel:
 
 
 def positions_of(result: Result, frames: Frames) -> list[int]:
-    """Positions in a result of the frames that are asked for; all of them where none are.
-
-    Raises:
-        UsageError: it has none of these frames.
-    """
+    """Positions in a result of the frames that are asked for, or of all; a UsageError if it has none of these."""
     numbers, text = result.frame_numbers.tolist(), _frames_text(frames)
     if text is None:
         return list(range(len(numbers)))
@@ -210,11 +206,7 @@ def with_refined(scene: Scene, file: Path) -> Scene:
 
 
 def one_person(scene: Scene) -> Scene:
-    """The scene, which is of one person.
-
-    Raises:
-        UsageError: it has several people, of whom none is chosen.
-    """
+    """The scene, which is of one person; a UsageError where it has several, of whom none is chosen."""
     if scene.people and not scene.person:
         raise UsageError(f"--person is missing: the scene has {', '.join(scene.people)}")
     return scene

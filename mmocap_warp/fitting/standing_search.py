@@ -53,11 +53,7 @@ class FirstFrame:
 
 
 def subject_hull(body: BodyModel, frame: FirstFrame) -> np.ndarray:
-    """(point, 3) the visual hull of what may be a body [m].
-
-    Raises:
-        NoSubjectError: fewer than two views see the subject, or they see different things.
-    """
+    """(point, 3) the visual hull of what may be a body [m]; a NoSubjectError without two views of one subject."""
     spacing = _VOXEL * body.relative_size
     for tolerate in (0, 1):
         hull = visual_hull(frame.rig, frame.observation, spacing=spacing, tolerate=tolerate)

@@ -190,11 +190,7 @@ def as_colour(image: np.ndarray) -> np.ndarray:
 
 
 def images_in_order(names: list[str], source: Path) -> list[str]:
-    """The images among some files' names, in the natural order of these.
-
-    Raises:
-        InputError: no image is among them, or numbered ones leave one out.
-    """
+    """The images among files' names, in natural order; an InputError for none, or where numbered ones leave one out."""
     # macOS puts a hidden file of the same ending beside each.
     split = {name: os.path.splitext(os.path.basename(name)) for name in names}
     of_images = [name for name in names if split[name][1].lower() in IMAGE_SUFFIXES]

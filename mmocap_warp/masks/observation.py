@@ -98,11 +98,7 @@ def _meet(cells: np.ndarray, other_cells: np.ndarray, mask: np.ndarray, other: n
 
 
 def make_views(rig: CameraRig, device: str) -> Any:
-    """A rig and one frame's masks, empty at first, on a device, in the struct that kernels take.
-
-    Raises:
-        ValueError: images so wide that a block cannot hold a row.
-    """
+    """A rig and a frame's masks, empty at first, in the kernels' struct; a ValueError for too wide an image."""
     from mmocap_warp.kernels.block import WORDS  # Warp, which masks do not need
     from mmocap_warp.kernels.structs import allocated
     from mmocap_warp.kernels.views.projection import Views

@@ -27,11 +27,7 @@ def head_top(body: BodyModel) -> int:
 
 
 def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
-    """Positions in the result and in the truth of the frames that both have.
-
-    Raises:
-        InputError: they share no frame, or the truth has neither markers nor a joint that is evaluated.
-    """
+    """Positions in each of the frames that both have; an InputError for none, or a truth without evaluated points."""
     _, mine, theirs = np.intersect1d(result.frame_numbers, truth.frame_numbers, return_indices=True)
     if not len(mine):
         frames, known = _span(result.frame_numbers), _span(truth.frame_numbers)

@@ -19,11 +19,7 @@ _FRAMES = 8  # number of a motion's frames that are taken
 
 
 def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
-    """Poses (pose, coordinate) of a body by the names of its motions, and by files that end in ``.toml``.
-
-    Raises:
-        InputError: a file that cannot be read, or no motion of that name.
-    """
+    """Poses (pose, coordinate) of a body, by names of its motions or of ``.toml`` files; an InputError for others."""
     skeleton, motions = read_body(body_file).skeleton, read_motions(body_file)
     poses = [
         read_pose(name, skeleton)[None]

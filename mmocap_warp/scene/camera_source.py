@@ -70,11 +70,7 @@ class CameraSource:
         return late if self.rate != 1.0 else np.full(len(frames), -self.fraction)
 
     def background_examples(self, source: str) -> Frames:
-        """What a background is learnt from; see :class:`~mmocap_warp.masks.mask_settings.ForegroundSettings`.
-
-        Raises:
-            ValueError: this camera has no such images.
-        """
+        """What a background is learnt from, by ``ForegroundSettings.source``; a ValueError if the camera has none."""
         images = {"clean_plate": self.clean_plate, "background_video": self.background, "recording": self.video}
         if (examples := images[source]) is None:
             raise ValueError(f"camera '{self.name}' has no images for source '{source}'")
@@ -89,11 +85,7 @@ class CameraSource:
 
 
 def recorded_frames(source: CameraSource, mask_source: str) -> int:
-    """How many of the recording's frames a camera has, in the images that masks are made of or read from.
-
-    Raises:
-        ValueError: it has none of these images.
-    """
+    """How many of the recording's frames a camera has, in a source of masks; a ValueError if it has no such images."""
     images = source.masks if mask_source == "masks" else source.video
     if images is None:
         raise ValueError(f"camera '{source.name}' has no images for source '{mask_source}'")

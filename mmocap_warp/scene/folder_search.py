@@ -186,11 +186,7 @@ def project_kind(folder: Path) -> str | None:
 
 
 def find_calibration(folder: Path) -> CalibrationFile | None:
-    """The calibration in a folder, or else in one above it; None where there is none.
-
-    Raises:
-        InputError: there is only one that cannot be read, by its name.
-    """
+    """The calibration in a folder or above it, None for none; an InputError where the only one cannot be read."""
     for place in [folder, *folder.resolve().parents[:_PARENTS]]:
         files = list(_candidates(place))
         readable = sorted((rank, file) for file in files if (rank := _rank(file)) is not None)
@@ -204,11 +200,7 @@ def find_calibration(folder: Path) -> CalibrationFile | None:
 
 
 def read_with_unit(file: CalibrationFile, sizes: dict[str, tuple[int, int]]) -> tuple[CameraRig, str]:
-    """The cameras, and the unit of their lengths: metres, or the likeliest where metres cannot be.
-
-    Raises:
-        InputError: a file that is no sound calibration in either.
-    """
+    """The cameras and their unit: metres, or the likeliest where these cannot be; an InputError if neither is sound."""
     try:
         return read_calibration(file.path, "m", "+z", sizes), "m"
     except InputError as error:

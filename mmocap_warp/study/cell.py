@@ -100,11 +100,7 @@ def write_cell(path: Path, result: CellResult) -> None:
 
 
 def read_cell(path: Path) -> CellResult:
-    """Read a result; every byte is checked against the file's checksums.
-
-    Raises:
-        InputError: no such file, or it is damaged, cut short or no result of a cell.
-    """
+    """Read a result and check its checksums; an InputError if it is missing, damaged, cut short or none of a cell."""
     try:
         with zipfile.ZipFile(path) as file:
             if sum(member.file_size for member in file.infolist()) > _MOST_BYTES:

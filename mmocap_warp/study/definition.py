@@ -40,11 +40,7 @@ class Study:
 
 
 def load_study(path: str | Path) -> Study:
-    """Read a ``STUDY.toml``; paths in it are relative to its folder. ``docs/study.md`` describes the file.
-
-    Raises:
-        InputError: anything that is wrong in it.
-    """
+    """Read a ``STUDY.toml`` (``docs/study.md``), paths in it from its folder; an InputError for what is wrong in it."""
     path = Path(path)
     file = load_toml(path)
     table = file.take_table("study")

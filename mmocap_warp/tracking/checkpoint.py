@@ -138,11 +138,7 @@ class Checkpoint:
         self._due = time.monotonic() + _INTERVAL
 
     def resumed(self) -> tuple[list[FrameAnswer], TrackState]:
-        """The answers that were saved, from the first frame on, and the tracker's state after them.
-
-        Raises:
-            InputError: the file is no checkpoint, or another run's.
-        """
+        """The answers that were saved, and the state after them; an InputError for no checkpoint, or another run's."""
         content = read_checkpoint(self._path, self._identity) or b""
         # Frames count up to the first that a crash spoilt, and up to the last whose memory is whole.
         frames = max(0, len(content) - self._first) // self._record.itemsize

@@ -301,11 +301,7 @@ def _coverage(detections: Detections, size: np.ndarray) -> float:
 
 
 def on_floor(found: BoardCalibration, detections: Sequence[Detections], board: Board, frame: int) -> CameraRig:
-    """The cameras in the world of the board as it lies in a frame: its first corner at zero, z up.
-
-    Raises:
-        InputError: no camera sees the board in that frame.
-    """
+    """The cameras in the world of the board in a frame: first corner at zero, z up; an InputError if none sees it."""
     rig = found.rig
     counts = [int(np.isfinite(each.pixels[frame, :, 0]).sum()) for each in detections]
     k = int(np.argmax(counts))

@@ -39,11 +39,7 @@ class Board:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """A board as the command line has it: ``charuco:5x7:40mm`` or ``charuco:5x7:40mm:30mm:4x4_50``.
-
-        Raises:
-            UsageError: text that names no board.
-        """
+        """A board as text: ``charuco:5x7:40mm`` or ``charuco:5x7:40mm:30mm:4x4_50``; a UsageError for other text."""
         match = _SPECIFICATION.fullmatch(text.lower())
         if match is None:
             raise UsageError(

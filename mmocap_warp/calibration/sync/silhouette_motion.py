@@ -42,11 +42,7 @@ class SilhouetteMotion:
         self._shape.append(shape)
 
     def signals(self, fps: float) -> np.ndarray:
-        """(frame - 1, signal) float64 between each of the camera's frames and the next, in body heights.
-
-        Raises:
-            ValueError: fewer than two frames with a silhouette.
-        """
+        """(frame - 1, signal) float64 from frame to frame [body height]; a ValueError for under two silhouettes."""
         # Frames without a whole silhouette are gaps, which are interpolated.
         area = np.array(self._area)
         seen = area > _MIN_AREA * np.median(area[area > 0]) if area.any() else area > 0

@@ -120,11 +120,7 @@ def open_videos(paths: list[Path]) -> tuple[list[VideoFile], float, int]:
 
 
 def finite(value: object, shape: tuple[int, ...], where: str, what: str) -> np.ndarray:
-    """Numbers of a file, in ``shape``; -1 in it stands for any length.
-
-    Raises:
-        InputError: other things than finite numbers, or another number of them.
-    """
+    """Numbers of a file, in ``shape``, where -1 is any length; an InputError unless they are so many, and finite."""
     count = "x".join("n" if side < 0 else str(side) for side in shape)
     with input_errors(where, f"{what} is not {count} numbers", REMEDY, TypeError, ValueError):
         array = np.asarray(value, np.float64).reshape(shape)

@@ -1,7 +1,4 @@
-"""Other programs' rigs: a person under their joints' names, bound in their rest pose, with the same motion.
-
-The rigs are in ``rigs.toml``.
-"""
+"""Other programs' rigs (``rigs.toml``): a person under their joints' names, in their rest pose, with its motion."""
 
 import tomllib
 from dataclasses import dataclass, replace
@@ -93,11 +90,7 @@ def with_rig(result: Result, rig: str) -> Result:
 
 
 def rig_names(body: BodyModel, rig: str) -> dict[str, str]:
-    """A rig's name of each of a body's joints; what is attached keeps its own.
-
-    Raises:
-        UsageError: no such rig, or a body without a joint of it.
-    """
+    """A rig's name of each joint, an attached one's own; a UsageError for no such rig, or a body without its joints."""
     if rig not in RIGS:
         raise UsageError(f"--rig must be one of {list(RIGS)}, got {rig!r}")
     names, attached = RIGS[rig].names, body.skeleton.attached

@@ -79,10 +79,7 @@ def _read_wavefront(data: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _plain_collada(data: bytes, path: Path) -> bytes:
-    """A COLLADA file without its materials, which are not needed and often broken.
-
-    The reader's parser expands entities: there are none left.
-    """
+    """A COLLADA file without its materials, which are not needed and often broken; it has no entities to expand."""
     root = plain_xml(data, path, _REMEDY)
     register_namespace("", root.tag.partition("}")[0].lstrip("{"))
     for element in list(root.iter()):
@@ -126,11 +123,7 @@ def named_file(name: str, source: Path, folder: Path) -> Path:
 
 
 def plain_xml(data: bytes, source: Path, remedy: str) -> Element:
-    """The root of an XML file that needs nothing but itself.
-
-    Raises:
-        InputError: it is no XML, which ``remedy`` mends, or has entities.
-    """
+    """The root of an XML file that needs nothing but itself; an InputError for entities, or no XML, with ``remedy``."""
     try:
         return fromstring(data)
     except DefusedXmlException:

@@ -101,11 +101,7 @@ def joined_parts(parts: list[Skin]) -> Skin:
 
 
 def rigid_skin(parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]], path: Path) -> Skin:
-    """The skin of a robot's parts: own vertices and triangles, how they are turned and placed, the joint they follow.
-
-    Raises:
-        InputError: there are none.
-    """
+    """The skin of a robot's parts: vertices, triangles, turn, place and joint of each; an InputError for no parts."""
     if not parts:
         raise InputError(path, "has no geometry", "give a robot with visual meshes")
     skins = [
@@ -121,10 +117,7 @@ def robot(name: str, joints: list[str], parent: list[int], bind: np.ndarray, ski
 
 
 def reorder(mesh: RiggedMesh, order: list[int] | None = None) -> RiggedMesh:
-    """The mesh with some of its joints in another order, by default all of them with parents first.
-
-    No skin may follow a joint that is left out.
-    """
+    """The mesh with joints in another order, by default parents first; no skin may follow one that is left out."""
     order = parents_first(list(mesh.parent)) if order is None else order
     rank = {joint: i for i, joint in enumerate(order)}
     number = np.array([rank.get(joint, 0) for joint in range(len(mesh.joints))])

@@ -87,10 +87,7 @@ def export_root(stage: Usd.Stage, file: Path) -> None:
 
 
 class PrimReader:
-    """Reads one prim's attributes and says what is wrong with them, naming the ``source`` and the ``remedy``.
-
-    The prim's stage must stay alive.
-    """
+    """Reads a prim's attributes while its stage lives, and says what is wrong, naming ``source`` and ``remedy``."""
 
     def __init__(self, prim: Usd.Prim, source: object, remedy: str) -> None:
         self.prim, self.source = prim, source

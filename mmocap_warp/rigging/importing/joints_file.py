@@ -80,11 +80,7 @@ def _read_joint(entry: Table) -> GivenJoint:
 
 
 def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoints) -> list[Freedom]:
-    """The freedom of joints, changed where a file says otherwise.
-
-    Raises:
-        InputError: the file names a joint that there is not, or lets one slide without limits.
-    """
+    """The freedom of joints, as changed by a file; an InputError for no such joint, or a slide without limits."""
     freedoms = list(freedom)
     for name, joint in given.joints.items():
         if name not in joints:

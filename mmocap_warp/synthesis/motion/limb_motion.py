@@ -1,7 +1,4 @@
-"""Pose vectors from where bones, chest and head point: closed forms for a body's own bones.
-
-Lengths are in metres and angles in radians.
-"""
+"""Pose vectors [m, rad] from where bones, chest and head point: closed forms for a body's own bones."""
 
 from dataclasses import dataclass
 from typing import Self

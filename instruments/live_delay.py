@@ -148,10 +148,9 @@ def main(seconds: float, fps: float, count: int) -> None:
         for tracker in trackers:
             tracker.wait()
         gc.freeze()
+        awake = count == 1 and waits_awake(resolve_device("auto"))
         tracked = [Tracked(each.name, each.subject, 1 / fps, [sender]) for each in people]
-        report = follow(
-            tracked, trackers, newest(source(), awake=waits_awake(resolve_device("auto"))), rig.names, Reporter()
-        )
+        report = follow(tracked, trackers, newest(source(), awake=awake), rig.names, Reporter())
         late = told.get()
     who = f"{len(people)} people, {len(rig)} cameras: {round(seconds * fps)} frames at {fps:g} a second"
     print(f"{who}, {report.dropped} dropped, {report.lost} lost; memory {used[1]} MB at first, {used[-1]} in the end")

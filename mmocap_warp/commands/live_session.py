@@ -122,8 +122,9 @@ def live(
             trackers = [stack.enter_context(closing(each)) for each in make_live(chosen.device, about)]
             for tracker in trackers:
                 tracker.wait()
-        come, awake = arrivals([*scenes.values()], chosen.scale, source), waits_awake(resolve_device(chosen.device))
-        coming = stack.enter_context(closing(newest(come, awake=awake)))
+        awake = len(scenes) == 1 and waits_awake(resolve_device(chosen.device))
+        coming = newest(arrivals([*scenes.values()], chosen.scale, source), awake=awake)
+        stack.enter_context(closing(coming))
         gc.collect()
         stack.callback(gc.unfreeze)
         gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing

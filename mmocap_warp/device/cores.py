@@ -1,12 +1,7 @@
 """The cores that this process may use; of the processor alone, so that no one waits for Warp to start."""
 
 import os
-import queue
 import sys
-import time
-from typing import TypeVar
-
-_T = TypeVar("_T")
 
 _SWITCH_SECONDS = 0.0002  # Python's own .005 let a thread that reads masks hold up the one that launches kernels
 
@@ -27,13 +22,6 @@ def waits_awake(device: str) -> bool:
     A core that slept between frames computes more slowly for some milliseconds.
     """
     return device != "cpu" and available_threads() >= _CORES_TO_SPARE
-
-
-def next_of(waiting: "queue.Queue[_T]", *, awake: bool) -> _T:
-    """What comes next in a queue; who waits ``awake`` keeps a core busy."""
-    while awake and waiting.empty():
-        time.sleep(0)  # other threads may run
-    return waiting.get()
 
 
 def work_beside_others(threads: int | None) -> None:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from mmocap_warp.device.cores import available_threads, next_of
+from mmocap_warp.device.cores import available_threads
 from mmocap_warp.errors import InputError, input_errors, needs_package
 from mmocap_warp.masks.cleanup import clean_mask
 from mmocap_warp.masks.frames import IMAGE_SUFFIXES, decode_image, natural_order, read_file
@@ -80,7 +80,7 @@ def newest(source: Arrivals, *, awake: bool = False) -> Arrivals:
     """The newest frame, again and again: one that still waits when the next comes is dropped.
 
     A thread reads the source from the second frame on: trackers search for the first one, and what comes meanwhile is
-    not asked for. ``awake`` is as in :func:`next_of`.
+    not asked for. Who waits ``awake`` keeps a core busy, see :func:`~mmocap_warp.device.cores.waits_awake`.
     """
     yield from islice(source, 1)
     waiting: queue.Queue[Arrival | Exception | None] = queue.Queue(1)
@@ -102,7 +102,11 @@ def newest(source: Arrivals, *, awake: bool = False) -> Arrivals:
 
     threading.Thread(target=read, daemon=True).start()
     try:
-        while (frame := next_of(waiting, awake=awake)) is not None:
+        while True:
+            while awake and waiting.empty():
+                time.sleep(0)  # other threads may run
+            if (frame := waiting.get()) is None:
+                return
             if isinstance(frame, Exception):
                 raise frame
             yield frame

@@ -7,10 +7,8 @@ import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
-from functools import partial
 from typing import Any
 
-from mmocap_warp.device.cores import next_of, waits_awake
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.live import LiveTracker
@@ -110,7 +108,7 @@ def _serve(line: Any) -> None:
             gc.collect()
             gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
             line.send(None)
-            for number, seen in _read_ahead(line, awake=waits_awake(resolve_device(people[0][3].device))):
+            for number, seen in _read_ahead(line):
                 for tracker, each in zip(trackers, seen, strict=True):
                     tracker.begin(number, each)
                 frames = [tracker.finish() for tracker in trackers]
@@ -122,8 +120,8 @@ def _serve(line: Any) -> None:
             line.send(error)
 
 
-def _read_ahead(line: Any, *, awake: bool) -> Iterator[Any]:
-    """What comes on a line, up to a None or its end; the next is read while one is worked on, or waited for awake."""
+def _read_ahead(line: Any) -> Iterator[Any]:
+    """What comes on a line, up to a None or its end; the next is read while one is worked on."""
     come: queue.Queue[Any] = queue.Queue(1)
 
     def read() -> None:
@@ -133,7 +131,7 @@ def _read_ahead(line: Any, *, awake: bool) -> Iterator[Any]:
         come.put(None)
 
     threading.Thread(target=read, daemon=True).start()  # a process that fails does not wait for it
-    return iter(partial(next_of, come, awake=awake), None)
+    return iter(come.get, None)
 
 
 Trackers = Sequence[LiveHere | LiveProcess]

@@ -36,7 +36,8 @@ def seen(arrival: Arrival) -> list[int | None]:
     return [None if k in arrival.silent else int(pixels) for k, pixels in enumerate(observation.foreground)]
 
 
-def test_a_frame_that_waits_when_the_next_comes_is_dropped():
+@pytest.mark.parametrize("awake", [False, True])
+def test_a_frame_that_waits_when_the_next_comes_is_dropped(awake):
     taken, released, closed = threading.Event(), threading.Event(), threading.Event()
 
     def source() -> Iterator[Arrival]:
@@ -50,7 +51,7 @@ def test_a_frame_that_waits_when_the_next_comes_is_dropped():
             closed.set()
 
     numbers = []
-    for frame in newest(source()):
+    for frame in newest(source(), awake=awake):
         numbers.append(frame.number)
         if frame.number == 1:
             taken.set()

@@ -109,6 +109,29 @@ def test_only_every_so_many_frames_may_be_searched_for():
     assert [spent > 0 for spent in evaluations] == [True, False, True]  # no level is known yet: all fall short
 
 
+def test_live_a_limb_is_looked_for_once_the_answer_was_given(monkeypatch):
+    seen, looked = motion("cpu")[1], []
+    find = ContourTracker._with_limbs_found
+
+    def watched(tracker, answer, looking, observation):
+        looked.append(looking.tolist())
+        found, which = find(tracker, answer, looking, observation)
+        return replace(found, pose=found.pose + np.float32(0.01)), which
+
+    monkeypatch.setattr(ContourTracker, "_with_limbs_found", watched)
+    tracker = ContourTracker(synthetic_subject(), RIG, CONFIG, FPS)
+    tracker.search_interval = 2
+    answer = tracker.step(seen[0])
+    assert looked == []
+    tracker.look()
+    assert looked == [[True]]
+    np.testing.assert_array_equal(tracker.state.pose, answer.pose + np.float32(0.01))  # the next frame starts there
+    tracker.step(seen[1])
+    tracker.look()
+    tracker.look()
+    assert looked == [[True]]  # this frame is none that is looked at
+
+
 def test_after_one_frame_that_was_searched_the_usual_overlap_may_be_known():
     tracker = ContourTracker(synthetic_subject(), RIG, CONFIG, FPS)
     tracker.step(motion("cpu")[1][0])
@@ -169,7 +192,7 @@ def test_a_process_that_fails_ends_and_waits_for_no_other_frame(monkeypatch):
     here, there = Pipe()
     with ThreadPoolExecutor(1) as pool, closing(here):
         process = pool.submit(live_process._serve, there)
-        here.send([(None, None, FPS, CONFIG)])
+        here.send([()])
         assert here.recv() is None
         here.send((0, [None]))
         with pytest.raises(RuntimeError, match="the process that smooths ended"):

@@ -34,8 +34,7 @@ OWN = LENS + 1
 """Columns of a view's own: its lens, and by how much its masks are larger than what they show [px]."""
 
 _BLOCK = 64  # threads of a block: few, so that a few views fill a whole GPU too
-_INFLUENCES = wp.constant(8)  # joints that move an edge: four at each of its ends
-_Parts = wp.types.matrix(shape=(8, 4), dtype=wp.float32)
+_Parts = wp.types.matrix(shape=(8, 4), dtype=wp.float32)  # of the joints that move an edge: four at each of its ends
 _Numbers = wp.types.vector(length=8, dtype=wp.int32)
 
 

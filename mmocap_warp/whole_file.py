@@ -55,10 +55,8 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Give a temporary name beside ``path``, of the same ending, and rename what is written there when all went well.
 
     A file of that name is replaced; of a link, the file that it points to. Whatever goes wrong, nothing is left under
-    either name that was not there before.
-
-    Raises:
-        InputError: its folder does not exist or cannot be written to, or the disk is full (any ``OSError`` within).
+    either name that was not there before. Raises an InputError for a folder that is not there or cannot be written to,
+    or a full disk (any ``OSError`` within).
     """
     if not path.parent.is_dir():
         raise InputError(path, "its folder does not exist", "create the folder first")

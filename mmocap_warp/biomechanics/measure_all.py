@@ -102,10 +102,8 @@ def measure(
     """Joint angles, contacts, steps and centre of mass of every frame, of all runs unless one is named.
 
     ``sex`` says whose shares of mass the segments have, None the mean of both; ``joint_set`` whose centres the table of
-    joints, the lengths and the angles go by, None the body's own joints.
-
-    Raises:
-        ValueError: no such run (a UsageError), or no track before it was smoothed.
+    joints, the lengths and the angles go by, None the body's own joints. Raises a ValueError for no such run (a
+    UsageError), or no track before it was smoothed.
     """
     if run is not None and not 0 <= run < len(result.pose):
         raise UsageError(f"--run must be 0 to {len(result.pose) - 1}, got {run}")

@@ -161,10 +161,7 @@ class RestSpace:
         """Parameters (parameter,) float64 of the member nearest to another body of the same mesh.
 
         Least squares over all vertices, seen from the root joint because a pose says where that is, with a weak pull to
-        ``beta = 0`` by :attr:`sigma`.
-
-        Raises:
-            ValueError: the body has other joints or another mesh.
+        ``beta = 0`` by :attr:`sigma`. Raises a ValueError for other joints or another mesh.
         """
         mine, other = self.body, body
         if other.skeleton.joints != mine.skeleton.joints or not np.array_equal(other.skin.face, mine.skin.face):

@@ -33,10 +33,8 @@ class Skeleton:
     that this is the angle about one of the axes. What a model does not search is held.
 
     A **sliding** joint does not turn: its three coordinates are by how much it is shifted along its axes [m]. Together
-    with a joint that turns it holds what is free in space.
-
-    Raises:
-        ValueError: what is said of a field does not hold.
+    with a joint that turns it holds what is free in space. Raises a ValueError where what is said of a field does not
+    hold.
     """
 
     joints: tuple[str, ...]  # names, valid as USD prim names, all different
@@ -213,10 +211,8 @@ class Skeleton:
     def searched(self, model: int | None = None) -> np.ndarray:
         """Coordinates that a model searches, (dof,) int32, ascending.
 
-        A model is known by its number of degrees of freedom; it is the default one where omitted.
-
-        Raises:
-            ValueError: no such model.
+        A model is known by its number of degrees of freedom; it is the default one where omitted. Raises a ValueError
+        for no such model.
         """
         number = self.model_number(model)
         if number not in self.models:

@@ -106,9 +106,7 @@ def check(
     """Say which camera of a scene disagrees with the others.
 
     The body is the generic one that the person's is expected to be near to; ``progress`` is called after every stage.
-
-    Raises:
-        InputError: masks that show nobody, too few frames in which the person could be tracked.
+    Raises an InputError for masks that show nobody, or too few frames in which the person could be tracked.
     """
     adjustment = Adjustment(scene, body, config or AdjustConfig())
     report = progress or (lambda stage, done: None)

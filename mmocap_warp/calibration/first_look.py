@@ -62,9 +62,7 @@ def look(
 
     ``body`` is who is to be tracked, for the size; None where the size does not count. Masks with ``keep = "nearest"``
     are those near the first pose of ``start``. Cameras and times ``to_be_mended`` may be off; ``views`` may be known.
-
-    Raises:
-        InputError: images that cannot be read.
+    Raises an InputError for images that cannot be read.
     """
     views = views or few_views(scene, start)
     rig, compared = views.rig, views.compared

@@ -131,9 +131,7 @@ def fit_clip(
 
     See :func:`fit`. The cameras are undistorted, at the masks' size. Of more than one frame, such as those of
     :func:`mmocap_warp.fitting.clip_body.frames_to_follow`, all are in memory. The scale of ``config`` is not used.
-
-    Raises:
-        NoSubjectError: the first frame's masks do not show one subject in at least two views.
+    Raises a NoSubjectError where the first frame's masks do not show one subject in at least two views.
     """
     unit = body.unit
     if unit != 1:  # what is in metres below holds for people

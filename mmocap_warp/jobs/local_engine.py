@@ -24,10 +24,8 @@ _WAITS = 0.0, 0.1, 1.0, 5.0  # before each attempt to start a worker [s]
 def local_devices(wanted: str) -> list[str]:
     """Devices of this machine by their aliases: ``auto`` (all CUDA devices, or the CPU), or a list with commas.
 
-    A device that is listed twice gets two processes.
-
-    Raises:
-        ValueError: no such device here, or a mixture of CPU and GPUs, whose results differ in the last bits.
+    A device that is listed twice gets two processes. Raises a ValueError for no such device here, or CPU and GPUs at
+    once, whose results differ in the last bits.
     """
     import warp as wp
 

@@ -37,10 +37,8 @@ class Shares:
 def join_cluster(address: str) -> str:
     """Connect this process to a running Ray cluster; returns the address of its head.
 
-    ``auto`` is what ``RAY_ADDRESS`` says, or the cluster of this machine.
-
-    Raises:
-        InputError: Ray is not installed, or there is no such cluster.
+    ``auto`` is what ``RAY_ADDRESS`` says, or the cluster of this machine. Raises an InputError if Ray, or such a
+    cluster, is missing.
     """
     with input_errors("--engine ray", "Ray is not installed", "pip install 'mmocap-warp[ray]'", ImportError):
         import ray
@@ -58,10 +56,8 @@ def join_cluster(address: str) -> str:
 def share_cluster(workers: int | None, gpus: float) -> Shares:
     """How the cluster that this process has joined is shared out among workers that get so many ``gpus`` each.
 
-    By default there is one worker for these, or one per machine where there are no GPUs.
-
-    Raises:
-        ValueError: numbers that make no sense, or more than the cluster has.
+    By default there is one worker for these, or one per machine where there are no GPUs. Raises a ValueError for
+    numbers that make no sense, or more than the cluster has.
     """
     import ray
 

@@ -42,10 +42,8 @@ class MaskProgram:
         """Let it make the masks of one camera that are not there yet; the files of all, in the order of the frames.
 
         ``frames`` is a folder of images of one ``size``, width and height [px], and ``masks`` that for their masks;
-        what the program says goes into a file beside it. ``progress`` is called with how many masks there are.
-
-        Raises:
-            InputError: it cannot be started, fails, hangs, or leaves a frame without a mask.
+        what the program says goes into a file beside it. ``progress`` is called with how many masks there are. Raises
+        an InputError where it cannot be started, fails, hangs, or leaves a frame without a mask.
         """
         made = [masks / f"{file.stem}.png" for file in sorted(frames.iterdir())]
         for mask in made:  # a run that was stopped may have left half a file

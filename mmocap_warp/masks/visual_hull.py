@@ -32,10 +32,8 @@ def visual_hull(rig: CameraRig, observation: Observation, spacing: float = 0.03,
     camera or mask, and a subject that one camera sees in part.
 
     Voxels have edges of ``spacing`` [m]. Their grid is aligned with the world's axes and surrounds the subject by
-    itself: a coarse grid about the point where the silhouettes' central rays meet finds what to carve finely.
-
-    Raises:
-        ValueError: spacing is not positive or tolerate is negative.
+    itself: a coarse grid about the point where the silhouettes' central rays meet finds what to carve finely. Raises a
+    ValueError for a spacing that is not positive, or a negative ``tolerate``.
     """
     if not spacing > 0 or tolerate < 0:
         raise ValueError(f"spacing must be positive and tolerate not negative, got {spacing} and {tolerate}")

@@ -33,10 +33,8 @@ def at_rate(result: Result, fps: float) -> Result:
     """The result at ``fps`` frames per second: frame ``n`` is what was at ``n / fps`` seconds of the recording.
 
     Between two frames the root goes straight and every joint turns the shortest way; costs, overlaps and statuses are
-    the nearest frame's. Standard deviations are dropped. The frames lie within the result's own.
-
-    Raises:
-        ValueError: a rate that is not positive, or so low that the result has no frame of it.
+    the nearest frame's. Standard deviations are dropped. The frames lie within the result's own. Raises a ValueError
+    for a rate that is not positive, or so low that the result has no frame of it.
     """
     if not 0 < fps <= _MOST_RATE * result.fps:
         raise ValueError(f"fps must be positive and at most {_MOST_RATE * result.fps:g}, got {fps:g}")
@@ -95,10 +93,8 @@ def stood_up(result: Result, up: str) -> Result:
 
     The world is turned about the axis that is neither its vertical nor the new one, or about x (z where x is the
     vertical) where it is to stand on its head: from +z to +y, (x, y, z) becomes (x, z, -y). Heights stay; the joints'
-    standard deviations, which are along the axes of the world as it was, are dropped.
-
-    Raises:
-        ValueError: no such axis.
+    standard deviations, which are along the axes of the world as it was, are dropped. Raises a ValueError for no such
+    axis.
     """
     if up not in UP_AXES:
         raise ValueError(f"up must be one of {UP_AXES}, got {up!r}")

@@ -62,10 +62,8 @@ def at_rate(truth: Truth, fps: float) -> Truth:
     """The truth at the times of a recording's frames, whose frame 0 is at the time of the truth's frame 0.
 
     Between two frames of the truth, markers and joints are on the straight line from one to the other, and unknown
-    where one of these is. Poses are not interpolated: they are dropped where times do not coincide.
-
-    Raises:
-        InputError: the truth has fewer frames a second than the recording.
+    where one of these is. Poses are not interpolated: they are dropped where times do not coincide. Raises an
+    InputError for a truth of fewer frames a second than the recording.
     """
     if abs(truth.fps / fps - 1.0) < _SAME_RATE:
         return truth

@@ -16,9 +16,7 @@ def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.n
     Half-edge collapses in the order of the quadric error (Garland and Heckbert 1997): a vertex is moved onto a
     neighbour and vanishes, so all that remain are where they were. Given are places (vertex, 3) and consistently wound
     triangles (face, 3); returned are the kept vertices (n,) int32, ascending, and triangles over them (m, 3) int32.
-
-    Raises:
-        ValueError: the mesh is not closed, or cannot be made that coarse.
+    Raises a ValueError for a mesh that is not closed, or cannot be made that coarse.
     """
     if not is_closed(face):
         raise ValueError("only a closed mesh can be decimated")

@@ -55,11 +55,9 @@ def read_cameras(
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
     """The cameras of the file ``scene`` and their rig.
 
-    All other keys of [cameras], ``table``, were taken; ``tables`` are those of each camera, by name. The calibration,
-    a file or folder, must say where the cameras stand if they are to be ``placed``.
-
-    Raises:
-        InputError: wrong keys, files that cannot be read, or rates that disagree.
+    All other keys of [cameras], ``table``, were taken; ``tables`` are those of each camera, by name. The calibration, a
+    file or folder, must say where the cameras stand if they are to be ``placed``. Raises an InputError for wrong keys,
+    files that cannot be read, or rates that disagree.
     """
     table.finish()
     if not tables:
@@ -198,10 +196,8 @@ def _recorded_size(source: CameraSource) -> tuple[int, int] | None:
 def write_timing(path: Path, timing: Mapping[str, Mapping[str, float]]) -> None:
     """Set ``offset`` [s], and ``fps`` where it is given, of cameras by their names; an offset of 0 is left out.
 
-    Everything else in the scene file stays as people wrote it, comments too.
-
-    Raises:
-        InputError: the file is written in a way in which they cannot be set, such as cameras in inline tables.
+    Everything else in the scene file stays as people wrote it, comments too. Raises an InputError for a file in which
+    they cannot be set so, such as of cameras in inline tables.
     """
     text = read_text(path, "give a TOML text file")
     lines: list[str] = []

@@ -48,10 +48,8 @@ def write_masks(
     a frame's masks better, and the overlay shows what the first of them has changed. ``look`` is called with those of
     each person, per camera (height, width) bool, and ``progress`` after each frame with the number of frames done.
     ``images`` are the scene's, where they lie somewhere in the meantime. ``apart`` are a frame's masks of each person
-    and of what may be in front of them, where labels do not tell people apart.
-
-    Raises:
-        InputError: images that turn out unreadable, a folder that cannot be written to, or a name that is not UTF-8.
+    and of what may be in front of them, where labels do not tell people apart. Raises an InputError for images that
+    turn out unreadable, a folder that cannot be written to, or a name that is not UTF-8.
     """
     folder, rig = Path(folder), scene.rig(scale)
     folders = [folder / file_name(name, scene.path) for name in rig.names]

@@ -38,9 +38,7 @@ def masks_by_program(
 
     Each video is decoded once, while the program works on the camera before. ``progress`` is called with the masks that
     are there, and how many there will be. A folder that holds frames and masks of another scene or program is refused.
-
-    Raises:
-        InputError: videos that cannot be read, a program that fails, a folder that cannot be written.
+    Raises an InputError for videos that cannot be read, a program that fails, or a folder that cannot be written.
     """
     _check_key(folder / "made_from.json", _key(scene, program, scale))
     names = [file_name(name, scene.path) for name in scene.calibrated.names]

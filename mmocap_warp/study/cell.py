@@ -77,9 +77,7 @@ def write_cell(path: Path, result: CellResult) -> None:
     """Write a result as one ``.npz`` file, whole or not at all.
 
     Two results of the same search differ only in the member ``provenance.json``: the time it took and where it was.
-
-    Raises:
-        InputError: its folder cannot be written to, or the disk is full.
+    Raises an InputError for a folder that cannot be written to, or a full disk.
     """
     measured = {name: result.meta[name] for name in _PROVENANCE if name in result.meta}
     known = {name: value for name, value in result.meta.items() if name not in _PROVENANCE}

@@ -52,10 +52,7 @@ def fewer_views(clip: OpenClip, count: int) -> OpenClip:
 def most_different_views(rig: CameraRig, count: int) -> tuple[int, ...]:
     """Positions, ascending, of ``count`` cameras, the two most alike of which differ as much as can be.
 
-    Opposite views count as alike: their silhouettes are mirror images.
-
-    Raises:
-        ValueError: fewer cameras than that.
+    Opposite views count as alike: their silhouettes are mirror images. Raises a ValueError for fewer cameras.
     """
     if not 1 <= count <= len(rig):
         raise ValueError(f"views must be 1 to {len(rig)}, got {count}")
@@ -160,10 +157,8 @@ def parse(text: str) -> dict[str, float]:
 def degraded(clip: OpenClip, text: str, seed: int) -> OpenClip:
     """A clip made worse, as ``text`` says.
 
-    The clip's masks are used up. Bystanders come first and the calibration last, however it is written.
-
-    Raises:
-        ValueError: a text that means nothing, or nothing to this clip.
+    The clip's masks are used up. Bystanders come first and the calibration last, however it is written. Raises a
+    ValueError for a text that means nothing, or nothing to this clip.
     """
     amounts = parse(text)
     for name, (step, _) in _STEPS.items():
@@ -273,10 +268,8 @@ def write_people(folder: Path, clips: Sequence[StudySequence], apart: float, pro
     """Write sequences of one length and of different people as one scene, whose masks are label images.
 
     People are named as in the sequences' names, and come as near to each other as ``apart`` [m]. Each has a subject,
-    which tracking starts from, and a truth. The path is that of ``scene.toml``.
-
-    Raises:
-        InputError: a folder that cannot be written to.
+    which tracking starts from, and a truth. The path is that of ``scene.toml``. Raises an InputError for a folder that
+    cannot be written to.
     """
     shifts = places([sequence.recording.poses[:, :2] for sequence in clips], apart)
     foreground = _FOREGROUND

@@ -66,10 +66,8 @@ def write_report(
 ) -> None:
     """Write the page, its tables as Markdown, and a CSV file with a line per cell; each whole or not at all.
 
-    Files that exist are replaced. For ``study``, ``clips`` and ``notes`` see :func:`render`.
-
-    Raises:
-        InputError: a file cannot be written.
+    Files that exist are replaced. For ``study``, ``clips`` and ``notes`` see :func:`render`. Raises an InputError for a
+    file that cannot be written.
     """
     write_whole(page, render(study, clips, notes).encode())
     write_whole(tables, markdown_tables(study).encode())

@@ -65,10 +65,8 @@ def clip_facts(clip: Clip) -> ClipFacts:
 
     A shipped sequence is identified by the bodies in it (the code that makes it is part of every result's key, see
     :func:`mmocap_warp.study.store.content_key`), a recording by its scene, subject and truth and by the names and sizes
-    of its images and videos.
-
-    Raises:
-        InputError: no such sequence; a scene that is wrong or names no fitted subject.
+    of its images and videos. Raises an InputError for no such sequence, or a scene that is wrong or names no fitted
+    subject.
     """
     if clip.scene is None:
         from mmocap_warp.study.sequences import CLIP_PLANS

@@ -37,10 +37,8 @@ class Omnibus:
 def friedman(average_rank: np.ndarray, blocks: int, tie_variance: float = 1.0) -> Omnibus:
     """Friedman's test from average ranks (algorithm,), with Iman-Davenport's F and Kendall's W.
 
-    ``12 n / (k (k + 1)) * (sum R² - k (k + 1)² / 4)``, divided by ``tie_variance``, see :func:`tie_variance`.
-
-    Raises:
-        ValueError: fewer than two algorithms or blocks.
+    ``12 n / (k (k + 1)) * (sum R² - k (k + 1)² / 4)``, divided by ``tie_variance``, see :func:`tie_variance`. Raises a
+    ValueError for fewer than two algorithms or blocks.
     """
     from scipy.stats import chi2
     from scipy.stats import f as f_distribution

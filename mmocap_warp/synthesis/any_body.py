@@ -83,10 +83,7 @@ def write_recorded(
     """Write the recording as a scene with its truth, and the body in its first pose; the path of ``scene.toml``.
 
     Masks that are ``faulty`` are to be cleaned. A ``file`` of the body with its motions is what a fit starts from.
-    ``progress`` is called after each frame.
-
-    Raises:
-        InputError: a folder that cannot be written to.
+    ``progress`` is called after each frame. Raises an InputError for a folder that cannot be written to.
     """
     body = recording.body
     return write_made_scene(

@@ -84,10 +84,8 @@ def resized(body: BodyModel, segments: Mapping[str, Sequence[float]]) -> BodyMod
     """A body, without shape targets, whose segments have other lengths and girths; joints keep their axes.
 
     Where a segment goes over into the next, the skin goes over from one size to the other as its weights do. Segments
-    are factors of length and girth by the joint that each hangs on; others keep their size, which is 1.
-
-    Raises:
-        ValueError: a joint that the body does not have.
+    are factors of length and girth by the joint that each hangs on; others keep their size, which is 1. Raises a
+    ValueError for a joint that the body does not have.
     """
     skeleton, rest = body.skeleton, body.joint_rest.astype(float)
     # Each segment is stretched along its bone by its length, and across it by its girth.

@@ -79,10 +79,8 @@ def write_made_scene(
     The folder is made if it does not exist, with those above it; files of the same names are replaced. There is no
     ``truth`` where the scene file's end names those of several people. ``about`` says what it is, for the scene file's
     first line, and ``foreground`` is the scene file's table of that name with what else ends it. ``subject`` is written
-    as ``subject.usdc`` if given, and the file of the ``body`` that a fit starts from copied.
-
-    Raises:
-        InputError: a folder that cannot be written to.
+    as ``subject.usdc`` if given, and the file of the ``body`` that a fit starts from copied. Raises an InputError for a
+    folder that cannot be written to.
     """
     folders = [folder / "masks" / file_name(name, folder) for name in footage.rig.names]
     make_image_folders(folder, folders, digits=4)

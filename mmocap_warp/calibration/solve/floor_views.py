@@ -119,10 +119,8 @@ def _head_errors(unknown: np.ndarray, K: np.ndarray, head: np.ndarray, rays: np.
 def place_on_floor(names: Sequence[str], views: Sequence[StandingView]) -> tuple[np.ndarray, np.ndarray]:
     """R (camera, 3, 3) and t (camera, 3), world to camera, of cameras over a floor at z = 0.
 
-    The view with most frames comes first: it stands over the origin and looks along +y.
-
-    Raises:
-        UnsolvableError: a view that shares too few frames with the others.
+    The view with most frames comes first: it stands over the origin and looks along +y. Raises an UnsolvableError for a
+    view that shares too few frames with the others.
     """
     tracks = np.stack([view.track for view in views])  # (camera, frame, 2)
     seen = np.isfinite(tracks[..., 0])

@@ -25,10 +25,8 @@ def level_world(cameras: Pinholes, person: PersonInViews, stature: float | None)
     """The cameras in a world in metres, whose floor is at z = 0 and whose z points up; its origin is below the heads.
 
     The world that they are in points its z up within a few degrees. The ``stature`` is the height of the top of the
-    head over the floor that is usual in the recording [m]; None where the cameras are in metres already.
-
-    Raises:
-        UnsolvableError: too few points of heads or of feet.
+    head over the floor that is usual in the recording [m]; None where the cameras are in metres already. Raises an
+    UnsolvableError for too few points of heads or of feet.
     """
     heads, head_frame, feet, foot_frame = head_and_foot_points(cameras, person)
     if min(len(heads), len(feet)) < _MIN_POINTS:

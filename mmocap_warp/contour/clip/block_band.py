@@ -49,10 +49,7 @@ class BlockBand:
         """The inverse's blocks on the diagonal, (frame, n, n): of a normal matrix, each frame's covariance.
 
         Going back from the last frame, a frame's part of the inverse follows from those of the next two (Takahashi,
-        Fagan and Chin, 1973).
-
-        Raises:
-            numpy.linalg.LinAlgError: the matrix is not positive definite.
+        Fagan and Chin, 1973). Raises a LinAlgError where the matrix is not positive definite.
         """
         own, next_one, next_two = self._factor()
         inverse = np.zeros((self.frames + 2, self.size, self.size))

@@ -49,10 +49,8 @@ class DeviceBand:
     def solved(self, motion: Motion, held: int, equations: NormalEquations) -> np.ndarray:
         """The step (frame, dof) from poses of which the first are ``held``.
 
-        ``equations`` (frame,) are what each frame that is not held says by itself.
-
-        Raises:
-            numpy.linalg.LinAlgError: the matrix is not positive definite.
+        ``equations`` (frame,) are what each frame that is not held says by itself. Raises a LinAlgError where the
+        matrix is not positive definite.
         """
         self._set(motion, equations.matrix, equations.gradient)
         frames = len(motion.point) - held

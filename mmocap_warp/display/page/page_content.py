@@ -160,11 +160,9 @@ def content(
     """The page's data: all frames of a result, errors against a truth, masks and images where there are some.
 
     The points of a joint set are those of the track as it is, not of that before it was smoothed. ``recorded`` are the
-    cameras with their lenses, at full size: joints can be pinned in their pixels. Where there are several
-    ``people``, the result's own is the first, and the others are shown by their best runs.
-
-    Raises:
-        InputError: the truth is of another recording.
+    cameras with their lenses, at full size: joints can be pinned in their pixels. Where there are several ``people``,
+    the result's own is the first, and the others are shown by their best runs. Raises an InputError for a truth of
+    another recording.
     """
     return {
         "body": body_content(result.subject.body),

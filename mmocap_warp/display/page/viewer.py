@@ -65,10 +65,8 @@ def view(
 
     Without a scene it shows no masks, without truth no errors. ``progress`` is called after each frame whose masks were
     read with how many are done, of how many. Where several ``people`` are shown, the result's own is the first; the
-    others' have the same frames, and each has the scene of that person.
-
-    Raises:
-        InputError: the scene or the truth is of another recording, or an image cannot be read.
+    others' have the same frames, and each has the scene of that person. Raises an InputError for a scene or a truth of
+    another recording, or an image that cannot be read.
     """
     step = pose_step(result, [other for _, other, _ in people[1:]])
     positions = range(0, len(result.frame_numbers), step)

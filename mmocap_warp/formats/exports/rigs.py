@@ -36,10 +36,7 @@ def with_rig(result: Result, rig: str) -> Result:
 
     The skin is bound anew as it is in the rest pose. Where a joint moves a part of it by weights, it then moves a
     little differently; elsewhere it is where it was. Shape targets, limits and standard deviations are dropped. What is
-    attached stays so, under its own names.
-
-    Raises:
-        UsageError: no such rig, or a body without a joint of it.
+    attached stays so, under its own names. Raises a UsageError for no such rig, or a body without its joints.
     """
     subject, body = result.subject, result.subject.body
     # The body in the rig's rest pose, under the rig's names; joints' axes are the body's, and free.

@@ -40,10 +40,8 @@ SEQUENCES: dict[tuple[str, str], tuple[int, list[int]]] = {
 def read_humaneva(root: Path, subject: str, action: str, first: str = "", last: str = "") -> DatasetScene:
     """Read trial 1 of one of the ``SEQUENCES``, from the folder that holds ``S1``, ``S2``, ``S3`` and ``Background``.
 
-    Frames ``first`` to ``last`` are in HumanEva's own numbers, both included; its own list's where omitted.
-
-    Raises:
-        InputError: an unknown sequence or range, or whatever is missing or wrong in the data.
+    Frames ``first`` to ``last`` are in HumanEva's own numbers, both included; its own list's where omitted. Raises an
+    InputError for an unknown sequence or range, or what is missing or wrong in the data.
     """
     name = f"{subject} {action}"
     if (subject, action) not in SEQUENCES:

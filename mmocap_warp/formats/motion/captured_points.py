@@ -28,10 +28,8 @@ class PointTracks:
 def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
     """Read a file; ``axes`` says which of its axes are the world's x, y and z.
 
-    Pose2Sim writes Y-up files: with a Z-up calibration that is ``zxy``. An axis may be negated: ``x-zy``.
-
-    Raises:
-        InputError: unreadable, not a ``.trc``, or axes that are no right-handed permutation.
+    Pose2Sim writes Y-up files: with a Z-up calibration that is ``zxy``. An axis may be negated: ``x-zy``. Raises an
+    InputError for an unreadable file, no ``.trc``, or axes that are no right-handed permutation.
     """
     turn = axes_turn(axes) if re.fullmatch("(-?[xyz]){3}", axes) else np.zeros((3, 3))
     if round(float(np.linalg.det(turn))) != 1:

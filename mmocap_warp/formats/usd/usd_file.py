@@ -25,10 +25,8 @@ USD_SUFFIXES: tuple[str, ...] = (".usd", ".usda", ".usdc")
 def read_stage(path: str | Path) -> Usd.Stage:
     """Open a USD file, in a function that :func:`reads_usd` decorates.
 
-    A file rewritten since it was last read in this process is read anew.
-
-    Raises:
-        InputError: no such file, not USD, or one that refers to files outside its folder.
+    A file rewritten since it was last read in this process is read anew. Raises an InputError for no file, not USD, or
+    one that refers to files outside its folder.
     """
     path = Path(path)
     if not os.path.isfile(path):
@@ -178,10 +176,8 @@ def check_references(layer: Sdf.Layer, path: Path) -> None:
 
     Composing a stage opens sublayers, references, payloads, clips and assets wherever they lie: a file from a stranger
     could read any other file. Therefore names are checked before a stage is composed. ``layer`` was read from ``path``
-    as an anonymous one; what it names relative to its file is made absolute.
-
-    Raises:
-        InputError: a file elsewhere, or one that is named by an expression, unless ``ALLOWED`` says yes.
+    as an anonymous one; what it names relative to its file is made absolute. Raises an InputError for a file elsewhere,
+    or one that is named by an expression, unless ``ALLOWED`` says yes.
     """
     names = _absolute_names(layer, path)
     if names and os.environ.get(ALLOWED, "0") in ("", "0"):

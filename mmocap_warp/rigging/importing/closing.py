@@ -19,10 +19,7 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     """The mesh with one vertex for each place, and without triangles that have no area or occur twice.
 
     Of vertices that are joined the weights are averaged; rigid parts are not joined to each other. Vertices of no
-    triangle are left out.
-
-    Raises:
-        ValueError: a mesh of no extent.
+    triangle are left out. Raises a ValueError for a mesh of no extent.
     """
     from scipy.spatial import cKDTree
 

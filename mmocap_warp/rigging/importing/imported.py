@@ -266,10 +266,7 @@ def body_from_file(up: str, facing: str) -> np.ndarray:
 def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> RiggedMesh:
     """The mesh in metres times ``scale``, +Y up and facing +Z; bind transforms and motions lose their own scale.
 
-    The file's axes ``up`` and ``facing`` count instead of its format's.
-
-    Raises:
-        ValueError: axes that cannot be.
+    The file's axes ``up`` and ``facing`` count instead of its format's. Raises a ValueError for axes that cannot be.
     """
     turn, size = body_from_file(up, facing), scale * mesh.metres
     axes = {}

@@ -92,9 +92,7 @@ def draw_silhouettes(rig: CameraRig, vertices: np.ndarray, faces: np.ndarray) ->
     """Per camera (height, width) bool, lens and all: pixels of which the mesh covers more than half.
 
     Its vertices (vertex, 3) [m] are in the world, all in front of every camera; its faces (face, corner) are convex.
-
-    Raises:
-        ValueError: a vertex behind a camera.
+    Raises a ValueError for a vertex behind a camera.
     """
     image = project(rig, vertices)
     if not np.isfinite(image).all():

@@ -39,10 +39,8 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
 
     The result is (frame, 51) full pose vectors in body axes about the origin of the floor. The part about the clip's
     middle frame is kept that stays within 1.3 m of where the body is then, and moved to the origin, where the study's
-    cameras see it.
-
-    Raises:
-        InputError: a skeleton whose joints are not known by any of their usual names, or that does not rest upright.
+    cameras see it. Raises an InputError for a skeleton whose joints have none of their usual names, or that does not
+    rest upright.
     """
     # The clip in this project's axes and the body's size, as far as it stays near to where it is in the middle.
     actor = _Actor.of(clip.at_rate(fps), source)

@@ -19,9 +19,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, TextIO, cast
+from typing import Any, TextIO, cast, get_args
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, Token, convert
 
 from mmocap_warp.cli.console import BAD_INPUT, BROKEN_PIPE, FAILURE, INTERRUPTED, OK, TERMINATED, USAGE
 from mmocap_warp.commands.outputs import release_locks
@@ -33,13 +33,21 @@ _LOADING = {("context.py", "load"), ("build.py", "init_kernel_cache")}  # by fil
 
 atexit.register(gc.freeze)  # to look through all that is left for garbage is a tenth of a short command
 
+
+def _converted(kind: Any, tokens: Sequence[Token]) -> Any:
+    """What a flag's text is; the parser by itself would round it to a whole number."""
+    if int in (get_args(kind) or (kind,)) and "." in tokens[0].value:
+        raise ValueError("it must be a whole number")
+    return convert(kind, tokens)
+
+
 app = App(
     name="mmocap",
     help="Markerless motion capture from silhouettes: calibrated cameras and masks in, an animated USD body out.",
     help_epilogue="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 wrong input, 4 a check failed, 130 interrupted, "
     "143 terminated.",
     help_format="markdown",  # plain text would keep the line breaks of the docstrings
-    default_parameter=Parameter(negative_iterable=()),
+    default_parameter=Parameter(negative_iterable=(), converter=_converted),
     version=lambda: _version(),
     version_format="plaintext",  # a package a line
     suppress_keyboard_interrupt=False,

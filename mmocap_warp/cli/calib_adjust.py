@@ -31,7 +31,10 @@ _UNITS: dict[str, tuple[str, float]] = {
 
 
 @command(
-    "calibrate:check_cameras", order="pictures identity body frames", pictures=Pictures, settings=AdjustFlags | None
+    "calibrate:check_cameras",
+    order="pictures identity person body frames",
+    pictures=Pictures,
+    settings=AdjustFlags | None,
 )
 def check(call: Any, loaded: Scene) -> Answer:
     result = call()
@@ -94,7 +97,7 @@ def _in_units(kind: str, value: float, scale: float = 1.0) -> tuple[float, str]:
 
 @command(
     "calibrate:refine_cameras",
-    order="output fixed height distance identity deviations body frames",
+    order="output fixed height distance identity person deviations body frames",
     output=Given(Path, Path("calibration.toml")),
     deviations=DeviationFlags | None,
     settings=AdjustFlags | None,

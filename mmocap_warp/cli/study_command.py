@@ -138,9 +138,11 @@ def report(call: Any, results: Path, more: tuple[Path, ...]) -> Answer:
     compare=Annotated[Path | None, _COMPARE],
     what=Given(Literal["kernels", "end-to-end"], kind=BY_PLACE),
 )
-def bench(call: Any, compare: Path | None) -> Answer:
-    from mmocap_warp.bench.report_file import read_report, rendered, to_text
+def bench(call: Any, console: Console, compare: Path | None) -> Answer:
+    from mmocap_warp.bench.report_file import read_report, rendered, report_tables, to_text
 
     old = None if compare is None else read_report(compare)
     report = call()
+    if old is not None and not any("speed-up" in table.columns for table in report_tables(report, old)):
+        console.warn(f"{compare}: no line is in both reports, so nothing is compared")
     return Answer(report, [to_text(rendered(report, old), colours=sys.stdout.isatty())], checked(report["ok"]))

@@ -256,6 +256,8 @@ def batch(
     rules = [] if plan is None else _rules(Path(plan))
     if workers is not None and workers < 1:
         raise UsageError(f"--workers must be at least 1, got {workers}")
+    if engine == "local" and (gpus != 1.0 or address != "auto"):
+        raise UsageError("--gpus and --address need --engine ray")
     seconds = seconds_of(minutes)
     start_warp()
     if engine == "local" and workers is not None:

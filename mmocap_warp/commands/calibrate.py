@@ -153,6 +153,7 @@ def check_cameras(
     body: BodyModel | str | Path | None = None,
     frames: Frames = None,
     identity: int | None = None,
+    person: str | None = None,
     pictures: str | Path | None = None,
     force: bool = False,
     reporter: Reporter | None = None,
@@ -165,6 +166,7 @@ def check_cameras(
         body: a generic one near the person's: a shipped one's name or a USD file. [default: the scene's, or adult_man]
         frames: of the recording: first:end or first:end:stride; 20 s are used. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
+        person: by whom, of the scene's people. [default: the scene's, or the first]
         pictures: folder for a picture of each camera that disagrees: its mask, and the outline of the body of the other
             views as the camera is calibrated (red) and as it would be put right (green).
         force: write into a folder that holds files.
@@ -178,7 +180,7 @@ def check_cameras(
     from mmocap_warp.calibration.camera_check import check
 
     reporter = reporter or Reporter()
-    loaded = scene_from(scene, frames, identity, reporter)
+    loaded = _by_one_person(scene_from(scene, frames, identity, reporter, person=person), reporter)
     folder = None if pictures is None else new_folder(pictures, force=force)
     with arguments_checked():
         config = AdjustConfig(**settings)
@@ -202,6 +204,15 @@ def _draw_views(check: CameraCheck, folder: Path) -> tuple[Path, ...]:
     return tuple(files)
 
 
+def _by_one_person(scene: Scene, reporter: Reporter) -> Scene:
+    """The scene of one person: of several of whom none is chosen, the first."""
+    if not scene.people or scene.person:
+        return scene
+    name = next(iter(scene.people))
+    reporter.note(f"cameras: judged by {name}; --person chooses somebody else")
+    return scene.of_person(name)
+
+
 @releases_locks
 def refine_cameras(
     scene: Scene | str | Path,
@@ -213,6 +224,7 @@ def refine_cameras(
     body: BodyModel | str | Path | None = None,
     frames: Frames = None,
     identity: int | None = None,
+    person: str | None = None,
     trust_cameras: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
@@ -229,6 +241,7 @@ def refine_cameras(
         body: a generic one near the person's: a shipped one's name or a USD file. [default: the scene's, or adult_man]
         frames: of the recording: first:end or first:end:stride; 20 s are used. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
+        person: by whom, of the scene's people. [default: the scene's, or the first]
         trust_cameras: go on even if masks and calibration fit no body for a reason that this does not mend.
         force: replace a file that exists.
         reporter: receives notes and progress.
@@ -241,7 +254,7 @@ def refine_cameras(
     """
     reporter = reporter or Reporter()
     file = None if output is None else new_file(output, ".toml", force=force)
-    loaded = scene_from(scene, frames, identity, reporter)
+    loaded = _by_one_person(scene_from(scene, frames, identity, reporter, person=person), reporter)
     with arguments_checked():
         doubt = {each.name: settings.pop(each.name) for each in fields(Deviations) if each.name in settings}
         config = AdjustConfig(deviations=Deviations(**doubt), fixed=fixed, height=height, distance=distance, **settings)

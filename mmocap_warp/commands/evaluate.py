@@ -63,6 +63,8 @@ def evaluate(
         check_same_recording(tracked, recorded)
         recorded = replace(recorded, truth_axes=truth_axes or recorded.truth_axes)
         truth, file, truth_axes = truth_of(recorded), recorded.truth, recorded.truth_axes
+    elif truth_axes is not None and isinstance(truth, Truth):
+        raise UsageError("--truth-axes are of a file of the truth: leave them out")
     elif isinstance(truth, str | Path):
         file = Path(truth)
         truth = load_truth(file, truth_axes or "xyz")

@@ -104,12 +104,17 @@ def result_from(result: Result | str | Path) -> tuple[Result, Path | None]:
         return result, None
     if not isinstance(result, str | Path):
         raise TypeError(f"result must be a Result or the path of one, not a {type(result).__name__}")
-    if Path(f"{result}.frames").exists():
-        remedy = "end it, or start mmocap live with the same --record, which makes a result of its frames and stops"
-        raise InputError(result, "is of a live session that goes on or was killed", remedy)
+    refuse_live(result)
     from mmocap_warp.formats.usd.usd_result import read_result  # OpenUSD takes a quarter of a second
 
     return read_result(result), Path(result)
+
+
+def refuse_live(file: str | Path) -> None:
+    """See that no live session writes a result's file, or was killed while it did; else an InputError."""
+    if Path(f"{file}.frames").exists():
+        remedy = "end it, or start mmocap live with the same --record, which makes a result of its frames and stops"
+        raise InputError(file, "is of a live session that goes on or was killed", remedy)
 
 
 def body_from(body: BodyModel | str | Path | None, scene: Scene) -> BodyModel:
@@ -202,7 +207,8 @@ def as_tracked(scene: Scene, result: Result, path: Path | None) -> Scene:
 def with_refined(scene: Scene, file: Path) -> Scene:
     """The scene with the cameras and times that a calibration beside a result has refined."""
     rig = read_calibration(file, None, scene.calibrated.up, None).select(scene.calibrated.names)
-    return scene.with_cameras(rig, load_toml(file).take_table("metadata").take("offsets", dict))
+    refined = scene.with_cameras(rig, load_toml(file).take_table("metadata").take("offsets", dict))
+    return replace(refined, calibration=file)
 
 
 def one_person(scene: Scene) -> Scene:

@@ -107,6 +107,8 @@ def live(
     reporter.note(f"live: {describe(chosen, loaded.track, settings)}")
 
     with ExitStack() as stack:
+        if record is not None:
+            stack.callback(_write_all, Path(record), files)  # however it ends, once each person's file is whole
         listeners = [stack.enter_context(closing(open_sender(address, subjects, rig, rate))) for address in to]
         people, about = [], []
         for name, known in subjects.items():
@@ -129,8 +131,8 @@ def live(
         stack.callback(gc.unfreeze)
         gc.freeze()  # looking through all that is there by now takes 80 ms, and finds nothing
         report = follow(people, trackers, coming, rig.names, reporter)
-    if record is not None:
-        _write_all(Path(record), files)
+    if record is not None and not report.frames:
+        reporter.note(f"live: no frame came, so {record} is not written")
     return report
 
 
@@ -201,6 +203,7 @@ def follow(
 ) -> LiveReport:
     """Track people in what is coming from cameras of these names, until it ends or Ctrl-C is pressed."""
     report, last, dropped, silent = LiveReport(), None, 0, set[str]()
+    failure: InputError | None = None
     delays = deque[float](maxlen=_DELAYS)
 
     def tell(arrival: Arrival, dropped: int, answers: Sequence[Future[Answers]]) -> None:
@@ -235,10 +238,14 @@ def follow(
                 last, silent = arrival.number, now_silent
         except KeyboardInterrupt:  # as most sessions end
             reporter.note("live: stopped")
+        except InputError as error:  # what was tracked is told before it ends
+            failure = error
         for each in told:
             each.result()
     for person, smoothed in zip(people, [each for tracker in trackers for each in tracker.rest()], strict=True):
         person.smoothed(smoothed, dropped)
+    if failure is not None:
+        raise failure
     median, late, most = np.percentile(delays or [np.nan], [50, 99, 100]).tolist()
     return replace(report, delay_ms=(median, late, most))
 

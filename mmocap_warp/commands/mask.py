@@ -1,6 +1,5 @@
 """A scene's masks, made once and judged: ``mmocap mask``."""
 
-import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -22,18 +21,17 @@ from mmocap_warp.formats.usd.usd_result import holds_result
 from mmocap_warp.masks.consistency import Consistency
 from mmocap_warp.masks.mask_check import MaskJudge, MaskReport
 from mmocap_warp.masks.mask_program import find_program
+from mmocap_warp.masks.mask_settings import BACKGROUNDS
 from mmocap_warp.masks.subtraction import mask_around_body
 from mmocap_warp.result.result import Result
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.scene.drafting import mask_scale
-from mmocap_warp.scene.mask_writing import Refine, masked_scene, write_masks
+from mmocap_warp.scene.mask_writing import Refine, write_masks
 from mmocap_warp.scene.program_masks import UNFINISHED, images_for_program, masks_by_program, with_people
 from mmocap_warp.scene.recording import Scene
-from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.tracking.frame_loop import check_start
 from mmocap_warp.tracking.telling_apart import told_apart
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.whole_file import write_whole
 
 
 @dataclass(frozen=True)
@@ -94,8 +92,8 @@ def mask(
     source = with_ if with_ in (None, "subtraction") else "program"
     if source == "program" and isinstance(scene, Scene):
         scene = replace(scene, foreground=replace(scene.foreground, source=source))
-    if source == "subtraction" and isinstance(scene, Scene):
-        scene = load_scene(scene.path, source=source).of_frames(scene.frames)
+    if source == "subtraction" and isinstance(scene, Scene) and scene.foreground.source not in BACKGROUNDS:
+        scene = scene_from(scene.path, scene.frames, source=source)
     loaded = scene_from(scene, frames, identity, reporter, source=source)
     by_program = loaded.foreground.source == "program"
     refine, loaded = (None, loaded) if from_body is None else _around_body(loaded, from_body, scale)
@@ -153,9 +151,9 @@ def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:
         if not masks.exists():
             for fault in mask(scene.path, folder, scale=mask_scale(scene), reporter=reporter).report.faults:
                 reporter.warn(f"{folder}: {fault}")
-        elif scene.path.stat().st_mtime > (age := masks.stat().st_mtime):
-            _follow(scene, masks, reporter)
-            os.utime(masks, (age, age))
+        elif scene.path.stat().st_mtime > masks.stat().st_mtime:
+            remedy = f"edit it too, or remove {folder} to have masks made anew"
+            reporter.warn(f"{masks}: is tracked, and older than {scene.path}; {remedy}")
         files = [file for source in scene.cameras if source.video for file in source.video.files]
         if max((file.stat().st_mtime for file in files), default=0.0) > masks.stat().st_mtime:
             reporter.warn(f"{folder}: is older than the recording; remove it to have masks made anew")
@@ -167,17 +165,6 @@ def with_masks(scene: Scene, reporter: Reporter, config: TrackConfig) -> Scene:
     else:
         return scene
     return scene_from(folder, scene.frames, person=scene.person or None)
-
-
-def _follow(scene: Scene, made: Path, reporter: Reporter) -> None:
-    """Have the scene of masks that were ``made`` say all but masks and people as the scene says it now."""
-    old = load_scene(made)
-    now = replace(load_scene(scene.path), people=old.people, person=old.person)
-    marks = (source.mask_mark for source in old.cameras)
-    text = masked_scene(now, made.parent, min(mark.scale for mark in marks if mark)).encode()
-    if text != made.read_bytes():
-        write_whole(made, text)
-        reporter.note(f"{made}: follows {scene.path}, which was edited since")
 
 
 def _beside(scene: Scene, name: str) -> Path:
@@ -227,7 +214,7 @@ def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> tup
         raise InputError(result, "is not a result", "give the file that mmocap track wrote; a subject has one pose")
     tracked, path = result_from(result)
     person = tracked.config.get("person")
-    scene = one_person(scene.of_person(person) if person in scene.people else scene)
+    scene = as_tracked(one_person(scene.of_person(person) if person in scene.people else scene), tracked, path)
     check_same_recording(tracked, scene)
     if tracked.frame_numbers.tolist() != list(scene.frames):
         problem = f"has frames {span(tracked.frame_numbers)}, not the {span(scene.frames)} of the scene"
@@ -235,11 +222,7 @@ def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> tup
     if any(source.video is None for source in scene.cameras):
         raise InputError(scene.path, "--from-body needs the video of every camera", "name them as video")
     start_warp()
-    rig, subject, poses = (
-        as_tracked(scene, tracked, path).rig(scale),
-        tracked.subject,
-        iter(tracked.pose[tracked.best_run]),
-    )
+    rig, subject, poses = scene.rig(scale), tracked.subject, iter(tracked.pose[tracked.best_run])
     poser, faces = Poser(subject.body, subject.root_base), subject.body.tracking_face
 
     def refine(masks: list[np.ndarray], images: list[np.ndarray | None]) -> list[np.ndarray]:
@@ -252,4 +235,4 @@ def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> tup
         ]
 
     alone = tuple(replace(source, in_front=()) for source in scene.cameras)
-    return refine, replace(scene, people={}, person="", cameras=alone)
+    return refine, replace(scene, people={}, person="", told_apart=False, cameras=alone)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,10 +27,9 @@ from mmocap_warp.result.excerpt import at_rate, before_smoothing, evenly, of_run
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.result.verdict import verdict
-from mmocap_warp.scene.frame_choice import stretches
 from mmocap_warp.scene.mask_writing import TINTS
 from mmocap_warp.scene.recording import Scene
-from mmocap_warp.tracking.body_masks import tracked_masks
+from mmocap_warp.tracking.body_masks import images_of, tracked_masks
 
 _DRAWN_LENGTH = 1600  # at most of a drawn image's longer side, unless the result was tracked in larger ones [px]
 
@@ -192,8 +190,7 @@ def draw_result(
         most = _DRAWN_LENGTH / int(scene.calibrated.size.max())
         scale = min(1.0, max(tracked, min(layout.scale, most)))
         result_video.check_same_recording(result, scene)
-        parts = (scene.of_frames(each) for each in stretches(shown.frame_numbers.tolist()))
-        images = chain.from_iterable(part.images(scale) for part in parts)
+        images = images_of(scene, shown.frame_numbers.tolist(), scale)
         masks = tracked_masks(scene, result, positions)
     people = [
         (look, each.at(positions), None if of is None else tracked_masks(of, each, positions))
@@ -264,7 +261,7 @@ def view(
         try:
             shown = viewer.view(tracked, recorded, truth=known, progress=progress, **about)
         except InputError as error:
-            file = truth if isinstance(truth, str | Path) else recorded and recorded.truth
+            file = truth if isinstance(truth, str | Path) else truth is None and recorded and recorded.truth
             named = file if file and error.source == "truth" else error.source
             raise InputError(named, error.problem, error.remedy) from None
     if page is not None:

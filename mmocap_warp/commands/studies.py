@@ -190,14 +190,15 @@ def report_study(
                 yield result
 
     # Everything that the page needs.
-    tracked = StudySummary.of(sound_results(*folders))
+    plans = [plan for each in loaded for plan in each.plans]
+    tracked = StudySummary.of(sound_results(*folders), plans)
     if not tracked.measures:
         raise InputError(folders[0], "holds no result", "run 'mmocap study run' first, or name its folder")
     times = {} if alone is None else seconds_alone(sound_results(Path(alone)))
     if alone is not None and not times:
         raise InputError(alone, "holds no result of one seed", "name the folder of a study with seeds = 1")
     clips = clips_of(tracked, {clip.name: clip for each in loaded for clip in each.clips})
-    planned = frozenset(plan.cell for each in loaded for plan in each.plans)
+    planned = frozenset(plan.cell for plan in plans)
     summary = replace(tracked, baselines=baselines(tracked, clips), alone=times, planned=planned)
     if mixed := mixture(summary):
         reporter.note(f"{folders[0]}: {mixed}")

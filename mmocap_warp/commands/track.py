@@ -130,7 +130,10 @@ def fit_subject(
     for note in carried.notes:
         reporter.note(f"attach: {note}")
     if start_poses is not None:
-        start_poses = np.pad(start_poses, ((0, 0), (0, carried.body.skeleton.coordinates - start_poses.shape[1])))
+        own, coordinates = body.skeleton.coordinates, carried.body.skeleton.coordinates
+        if start_poses.shape[1:] != (own,) or not np.isfinite(start_poses).all():
+            raise UsageError(f"--start-poses must be finite and (pose, {own}), got shape {start_poses.shape}")
+        start_poses = np.pad(start_poses, ((0, 0), (0, coordinates - own)))
     with reporter.stage("fit", None) as progress:
         subject = subject_fit.fit(
             scene, carried.body, config, lambda stage, done, cost: progress(round(100 * done), 100), start_poses
@@ -219,6 +222,8 @@ def track(
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
     loaded = inputs.one_person(inputs.scene_from(scene, frames, identity, reporter, person=person))
     inputs.keep_named(file, loaded, "truth", "subject")
+    if file is not None:
+        inputs.refuse_live(file)
     if again is not None:
         from mmocap_warp.commands.track_again import solved_again  # and with it what draws
 
@@ -241,6 +246,8 @@ def track(
     kept = None if file is None else file.with_name(f"{file.stem}.subject.usdc")
     if subject is None and body is None:
         subject = loaded.subject
+    if subject is None:
+        inputs.keep_named(kept, loaded, "subject")
     if isinstance(subject, str | Path):
         subject = read_subject(subject)
     generic = inputs.body_from(body, loaded) if subject is None else subject.body
@@ -364,7 +371,6 @@ def _fitted(
     stated = {name: value for name, value in settings.items() if name == "rigid" or name in given}
     _check_model(generic, scene, config, given)
     reporter.note(f"fit: {describe(fit, scene.fit, stated)}")
-    inputs.keep_named(output, scene, "subject")
     subject = fit_subject(scene, generic, fit, output, reporter, trusted)
     return subject if output is None else read_subject(output)  # as a resumed run will find it, to the last bit
 

@@ -46,7 +46,8 @@ def solved_again(
     # The run's settings are those of the result; where it is done may be another place.
     fields = set(vars(TrackConfig())) - {"device", "threads"}
     own = TrackConfig(**{name: result.config[name] for name in fields if name in result.config})
-    if other := set(settings) - {"device", "threads"}:
+    stated = set() if config is None else {n for n in fields if getattr(config, n) != getattr(TrackConfig(), n)}
+    if other := set(settings) - {"device", "threads"} | {n for n in stated if getattr(config, n) != getattr(own, n)}:
         raise UsageError(f"--{min(other).replace('_', '-')} cannot be given with --again, which has the result's own")
     place = effective(TrackConfig, loaded.settings("track"), settings, config)
     own = replace(own, device=place.device, threads=place.threads)

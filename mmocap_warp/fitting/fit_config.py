@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from mmocap_warp.formats.toml_table import describes_settings, setting
+from mmocap_warp.formats.toml_table import check_kinds, describes_settings, setting
 
 LONGEST_IMAGE = 480
 """The longer side of the images that a fit looks at unless a scale is given [px]: plenty for a shape."""
@@ -36,6 +36,7 @@ class FitConfig:
     threads: int | None = setting(None, "How many CPU threads work.", "all that this process may use")
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         if self.scale is not None and not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
         for name in ("headings", "evaluations", "finalists", "frames", "threads"):

@@ -11,6 +11,7 @@ import types
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from dataclasses import Field, field, fields
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
@@ -218,6 +219,17 @@ def setting(default: Any, meaning: str, otherwise: str = "", *, flag: bool = Tru
     name.
     """
     return field(default=default, metadata={"meaning": meaning, "otherwise": otherwise, "flag": flag})
+
+
+def check_kinds(config: Config) -> None:
+    """Raise a ValueError unless each number and switch of a configuration is one, and whole where it must be."""
+    for name, hint in get_type_hints(type(config)).items():
+        value, (kind, *others) = getattr(config, name), get_args(hint) or (hint,)
+        allowed = {bool: bool, int: Integral, float: Real}.get(kind)
+        if allowed is None or (value is None and types.NoneType in others):
+            continue
+        if not isinstance(value, allowed) or isinstance(value, bool) != (kind is bool):
+            raise ValueError(f"{name} must be {_KINDS[kind]}, got {value!r}")
 
 
 def describes_settings(kind: type[Config]) -> type[Config]:

@@ -61,6 +61,8 @@ def minimize(
         raise ValueError(f"start must be (coordinate,), got shape {start.shape}")
     if evaluations < 1 or runs < 1:
         raise ValueError(f"evaluations and runs must be at least 1, got {evaluations} and {runs}")
+    if not 0 <= seed <= 2**31 - runs:
+        raise ValueError(f"seed must be in 0 .. 2^31 - runs, got {seed}")
     limits = np.tile([-np.inf, np.inf], (len(start), 1)) if bounds is None else np.asarray(bounds, float)
     if limits.shape != (len(start), 2):
         raise ValueError(f"bounds must be ({len(start)}, 2), got {limits.shape}")

@@ -120,7 +120,7 @@ class Result:
         return int(np.diff(self.frame_numbers).min()) if len(self.frame_numbers) > 1 else 1
 
     def in_unit(self, unit: float) -> Result:
-        """The result with all of its lengths in a unit [m]."""
+        """The result with all of its lengths in a unit [m], as trackers take it; all else is for metres."""
         if unit == 1:
             return self
         coordinates = self.subject.body.skeleton.units(unit)
@@ -133,8 +133,8 @@ class Result:
         return replace(self, subject=subject, cameras=cameras, config=config, **arrays)
 
     def at(self, positions: Sequence[int]) -> Result:
-        """The result of some of its frames, by their positions in ``frame_numbers``, ascending."""
-        chosen = np.asarray(positions, int)
+        """The result of some frames, by their positions in ``frame_numbers``, ascending, or by a mask of them."""
+        chosen = _chosen(positions, len(self.frame_numbers))
         arrays = {name: array[:, chosen] for name, array in self.arrays.items()}
         before = self.left_out_before + int(chosen[0])
         numbers, seconds = self.frame_numbers[chosen], self.seconds * len(chosen) / len(self.frame_numbers)
@@ -170,5 +170,10 @@ class Result:
             IndexError: no such run or frame.
         """
         pose = self.pose[self.best_run if run is None else run]
-        chosen = pose if frames is None else pose[np.atleast_1d(np.asarray(frames, int))]
+        chosen = pose if frames is None else pose[_chosen(frames, len(pose))]
         return skin_positions(self.subject, chosen, np.arange(len(self.subject.body.skin.rest)))
+
+
+def _chosen(wanted: Any, count: int) -> np.ndarray:
+    """(n,) positions below ``count``, by themselves, from the end, or by a mask; an IndexError for others."""
+    return np.arange(count)[np.atleast_1d(np.asarray(wanted)) if np.size(wanted) else slice(0)]

@@ -6,7 +6,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
+from math import gcd
 from typing import Any, Protocol, Self, TypeVar
+
+import numpy as np
 
 from mmocap_warp.masks.frames import VideoFile
 
@@ -59,17 +62,9 @@ class FrameChoice:
         return f"{self.first}:{'' if self.end is None else self.end}{stride}"
 
 
-def stretches(numbers: list[int]) -> list[range]:
-    """Ascending frame numbers as ranges, of which one is enough where they are evenly spaced."""
-    ranges: list[range] = []
-    for number in numbers:
-        last = ranges[-1] if ranges else None
-        if last is not None and (len(last) == 1 or number == last.stop):
-            step = number - last.start if len(last) == 1 else last.step
-            ranges[-1] = range(last.start, number + step, step)
-        else:
-            ranges.append(range(number, number + 1))
-    return ranges
+def covering(numbers: list[int]) -> range:
+    """The even range with the largest step that holds all of some ascending frame numbers."""
+    return range(numbers[0], numbers[-1] + 1, gcd(*np.diff(numbers).tolist()) or 1)
 
 
 Image = TypeVar("Image", covariant=True)

@@ -245,6 +245,8 @@ def _messages(scenes: Sequence[Scene], scale: float, address: str) -> Arrivals:
                     return
                 # A program that begins anew counts from zero again.
                 number, seen = max(int(about["frame"]), number + 1), float(about["time"])
+                if not (math.isfinite(seen) and number < 2**31):
+                    raise ValueError(f"frame {number} at {seen} s")
                 if len(images := parts[1:]) != len(scenes[0].cameras):
                     raise ValueError(f"images: {len(images)}, cameras: {len(scenes[0].cameras)}")
                 arrival = see(number, seen, [see.decoded(image, address) for image in images])

@@ -56,7 +56,7 @@ class GrowingResult:
 
 
 def finish(path: Path) -> bool:
-    """Make a growing result whole, and say whether there was one; without any frame, an older result stays."""
+    """Make a growing result whole, and say whether there was one with frames; without any an older result stays."""
     if not (beside := path.with_name(f"{path.name}.frames")).exists():
         return False
     begun, data = read_result(_begun(path)), beside.read_bytes()
@@ -68,7 +68,7 @@ def finish(path: Path) -> bool:
         write_result(path, replace(begun, frame_numbers=records["frame_numbers"], **arrays))
     beside.unlink()
     _begun(path).unlink()
-    return True
+    return count > 0
 
 
 def _begun(path: Path) -> Path:

@@ -106,6 +106,8 @@ def _values(table: Table, key: str, kind: type, default: Any = ...) -> list[Any]
     if not values or any(type(value) is not kind for value in values):
         wanted = "strings" if kind is str else "whole numbers"
         raise table.error(f"{key} = {values!r} is not a list of {wanted}", f"list one or more {wanted}")
+    if kind is int and max(map(abs, values)) >= 2**31:
+        raise table.error(f"{key} has a number of over 31 bits", "give a smaller one")
     return values
 
 

@@ -34,6 +34,8 @@ def all_trackers(study: StudySummary) -> Table:
         f"All trackers that have tracked {over(study.sequences)}, best first; mean over the sequences. "
         f"{extent(cells) if cells else ''}. Time: of a single run, where it was measured."
     )
+    if not whole:
+        caption = f"No tracker has tracked all of {over(study.sequences)} yet."
     return Table(caption, ["Tracker", *(each.title for each in measures), "ms a frame, alone", "seeds"], rows)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from mmocap_warp.result.pose_errors import nanmean, nanmedian
 from mmocap_warp.study.cell import Cell, CellResult
+from mmocap_warp.study.definition import Plan
 from mmocap_warp.study.paper import ALGORITHM_ORDER
 from mmocap_warp.study.sequences import FURTHER_PLANS
 from mmocap_warp.synthesis.walkers import STRANGERS
@@ -196,16 +197,23 @@ class StudySummary:
         self.contenders = [*self.others, *compared, *self.baseline_contenders]
 
     @classmethod
-    def of(cls, results: Iterable[CellResult]) -> Self:
+    def of(cls, results: Iterable[CellResult], plans: Iterable[Plan] = ()) -> Self:
         """Summarise results one by one, so that only one of them is in memory at a time.
 
-        Where several are of the same cell, the one that was started last counts.
+        Where several are of the same cell, one with the seeds and frames of its plan counts, or that started last.
         """
         cells: dict[Cell, CellSummary] = {}
+        plan_of, ranks = {plan.cell: plan for plan in plans}, dict[Cell, tuple[bool, int, str]]()
         for result in results:
-            known = cells.get(result.cell)
-            if known is None or known.meta.get("started", "") <= result.meta.get("started", ""):
-                cells[result.cell] = summarise(result)
+            plan, frames = plan_of.get(result.cell), len(result.frames)
+            is_planned, meets = False, 0
+            if plan is not None:
+                first, most = plan.config.seed, plan.clip.frames
+                is_planned = result.seeds.tolist() == [*range(first, first + plan.config.runs)]
+                meets = frames if most is None else int(frames == most)
+            rank = is_planned, meets, str(result.meta.get("started", ""))
+            if result.cell not in cells or ranks[result.cell] <= rank:
+                cells[result.cell], ranks[result.cell] = summarise(result), rank
         return cls(cells)
 
     def of_grid(self, **of: Any) -> list[CellSummary]:

@@ -1,7 +1,7 @@
 """Where the tracked body is seen, which decides what ``keep = "nearest"`` keeps of the masks."""
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import chain
+from itertools import compress
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import Result
-from mmocap_warp.scene.frame_choice import stretches
+from mmocap_warp.scene.frame_choice import covering
 from mmocap_warp.scene.recording import BodyMasks, Scene, ViewMasks
 
 
@@ -36,6 +36,12 @@ class _Views:
         return np.asarray(np.logical_or.reduce([silhouettes(camera, each, self._faces)[0] for each in self._bodies]))
 
 
+def images_of(scene: Scene, numbers: list[int], scale: float) -> Iterator[list[np.ndarray | None]]:
+    """A scene's images of some ascending frame numbers, read in one pass."""
+    frames = covering(numbers)
+    return compress(scene.of_frames(frames).images(scale), np.isin(frames, numbers).tolist())
+
+
 def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[list[np.ndarray]]:
     """The masks that a result was tracked from, made again: per frame of the result, per camera (height, width) bool.
 
@@ -45,24 +51,27 @@ def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None 
     Raises:
         InputError: images that turn out unreadable.
     """
-    parts, scale, body = _again(scene, result, positions)
-    return chain.from_iterable(part.masks(scale, body=body) for part in parts)
+    part, wanted, scale, body = _again(scene, result, positions)
+    return compress(part.masks(scale, body=body), wanted)
 
 
 def tracked_observations(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[Observation]:
     """As :func:`tracked_masks`, with what else a tracker is told."""
-    parts, scale, body = _again(scene, result, positions)
-    return chain.from_iterable(part.observations(scale, body=body) for part in parts)
+    part, wanted, scale, body = _again(scene, result, positions)
+    return compress(part.observations(scale, body=body), wanted)
 
 
 def _again(
     scene: Scene, result: Result, positions: Sequence[int] | None
-) -> tuple[list[Scene], float, BodyMasks | None]:
-    """The frames at ``positions`` as scenes, the masks' scale, and where the body was before each of them."""
+) -> tuple[Scene, list[bool], float, BodyMasks | None]:
+    """A scene of frames, which of them are those at ``positions``, the masks' scale, and where the body was before."""
     scale = float(result.config.get("scale", 1.0))
-    positions = range(len(result.frame_numbers)) if positions is None else positions
+    chosen = np.arange(len(result.frame_numbers)) if positions is None else np.asarray(positions, int)
+    numbers = result.frame_numbers[chosen]
+    frames = covering(numbers.tolist())
     tracked = result.pose if result.raw_pose is None else result.raw_pose
     poses = [result.subject.pose[None], *np.moveaxis(tracked, 1, 0)]
-    before = map(body_silhouettes(result.subject, result.cameras), (poses[position] for position in positions))
+    last = chosen[np.searchsorted(numbers, frames, side="right") - 1]  # a frame of a gap has the pose before it
+    before = map(body_silhouettes(result.subject, result.cameras), (poses[position] for position in last))
     body = (lambda: next(before)) if scene.foreground.keep == "nearest" else None
-    return [scene.of_frames(each) for each in stretches(result.frame_numbers[list(positions)].tolist())], scale, body
+    return scene.of_frames(frames), np.isin(frames, numbers).tolist(), scale, body

@@ -46,6 +46,8 @@ _MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
 _SHORT_OVERLAP, _SHORT_EXPOSED = 0.012, 0.12  # overlap below the usual, and exposed outline [m], that call for recovery
 _LOST_OVERLAP, _LOST_EXPOSED = 0.06, 0.5  # the same, where the frame is lost
 _LOST_FRAMES = 3  # frames in a row that are lost before the tracker starts anew
+_MOST_SKIPPED = 3  # missing frames across which a motion is known well enough to go on
+_LOST_LIVE = 2  # the same live, where a search delays the frames after it, before the body is searched for
 _CLEAR_FALL = 0.025  # overlap below the usual that calls for recovery by itself; a fault of one mask costs less
 _SHORT_UNCOVERED = 0.001  # uncovered area above the usual that calls for it too [m^2], in a body as large as a person
 _LEAST_VIEWS = 5  # with fewer views too little is uncovered or exposed to tell a lost limb from a fault
@@ -71,8 +73,9 @@ class ContourTracker:
     Attributes:
         device: the Warp device.
         search: what finds starts for the contours; None where there is no search.
-        search_interval: frames from one that may be searched for to the next. If it is more than one, only lost frames
-            are searched for, not those that merely fall short, and limbs are looked for by :meth:`look` alone.
+        search_interval: frames from one that may be searched for to the next. If it is more than one, only a body that
+            stays lost is searched for, not frames that merely fall short.
+        next_search: the first frame that may be searched for then, counted from the first one.
 
     Raises:
         ValueError: the body has no model with so many degrees of freedom, or its tracking mesh is not closed.
@@ -88,7 +91,7 @@ class ContourTracker:
         self._starts, candidates = RecoveryStarts(subject, rig, config), config.runs * starts_per_run(config)
         self._fitter = make_fitter(subject, rig, config, candidates)
         self._judge = make_objective(subject, rig, config, candidates)
-        self.search_interval = 1
+        self.search_interval, self.next_search = 1, 0
         self._may_rest = abs(fps) > _LEAST_RESTED_RATE
         self._root_frame = RootFrame(subject, search_limits(subject, config), candidates, self.device)
         descent, judge = self._fitter.descent, self._judge
@@ -98,7 +101,7 @@ class ContourTracker:
         first = np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0)
         self._state, self._has_searched = ContourState.at(first, len(subject.body.skeleton.parts)), True
         self._begun: Observation | None = None
-        self._unlooked: tuple[Candidates, np.ndarray, Observation] | None = None
+        self._skipped = 0  # frames that are missing before the next one
 
     @property
     def state(self) -> ContourState:
@@ -151,9 +154,13 @@ class ContourTracker:
                 climbing = self._falls_short(answer) & (~self._state.climbed_in_vain | self._is_lost(answer))
                 climbing &= self._shows_where(answer, climbing, observation)
             else:  # live, where a climb delays the frames after it
-                climbing = self._state.frame_count % self.search_interval == 0
-                if climbing.any():
+                state, place = self._state, int(self._state.frame_count.min())
+                climbing = ~state.level_known | (state.lost_count >= _LOST_LIVE)
+                if climbing.any() and place >= self.next_search:
                     climbing &= self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
+                    self.next_search = place + self.search_interval if climbing.any() else self.next_search
+                else:
+                    climbing = np.zeros(self._runs, bool)
             if self.search and climbing.any():
                 answer, rescued = self._recovered(self.search, answer, climbing, observation)
                 evaluations = self.search.evaluations
@@ -162,9 +169,7 @@ class ContourTracker:
 
         # Now and then, and where the ladder led elsewhere, look for limbs that the body does not cover.
         looking = self._state.is_looking(self._look_interval) | rescued
-        if self.search_interval > 1:
-            self._unlooked = answer, looking, observation
-        elif looking.any():
+        if looking.any():
             answer, limb_found = self._with_limbs_found(answer, looking, observation)
             rescued |= limb_found
 
@@ -174,14 +179,17 @@ class ContourTracker:
         kinds = [STATUS.index(name) for name in ("lost", "partial", "rescued")]
         status = np.select([lost, partial, rescued], kinds, STATUS.index("tracked"))
         self._state = self._state.followed_by(answer, lost)
+        if self._skipped:  # of what it moved since, a frame's share
+            motion = (self._state.pose - self._state.previous_pose) / np.float32(1 + self._skipped)
+            self._state, self._skipped = replace(self._state, previous_pose=self._state.pose - motion), 0
         return FrameAnswer(answer.pose, answer.cost, answer.iou, evaluations, status, time.perf_counter() - started)
 
-    def look(self) -> None:
-        """Live, look for limbs that the last answer does not cover, after it was sent; the next frame starts there."""
-        if self._unlooked and self._unlooked[1].any():
-            answer, _ = self._with_limbs_found(*self._unlooked)
-            self._state = replace(self._state, pose=answer.pose.copy())
-        self._unlooked = None
+    def skip(self, frames: int) -> None:
+        """So many frames before the next are missing: the motion goes on across a few of them."""
+        if 0 < frames <= _MOST_SKIPPED:
+            motion = self._state.pose - self._state.previous_pose
+            self._state = replace(self._state, previous_pose=self._state.pose - np.float32(1 + frames) * motion)
+            self._skipped = frames
 
     def _falls_short(
         self, answer: Candidates, fall: float = _SHORT_OVERLAP, exposed: float = _SHORT_EXPOSED

@@ -268,7 +268,8 @@ def check_start(scene: Scene, subject: Subject) -> None:
     fitted = subject.provenance.get("fit.first_frame", 0)
     if fitted != scene.frames.start:
         problem = f"the subject was fitted to frame {fitted}, but tracking begins with frame {scene.frames.start}"
-        remedy = f"start with --frames {fitted}:, or fit a subject with the same --frames and name it with --subject"
+        where = f"in [people.{scene.person}]" if scene.person else "with --subject"
+        remedy = f"start with --frames {fitted}:, or fit a subject with the same --frames and name it {where}"
         raise InputError(scene.path, problem, remedy)
 
 

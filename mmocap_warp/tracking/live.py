@@ -59,16 +59,30 @@ def track_live(
         InputError: more than fits into the device's memory, or the tracking mesh is not closed.
     """
     config = replace(config or TrackConfig(), **settings)
-    if not config.acceleration:
-        raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
+    _check(config, fps)
     window = Window(subject, cameras, config, fps)
     subject, cameras, config = in_own_unit(subject, cameras, config)
     tracker = make_tracker(subject, cameras, config, fps)
-    observations: Iterable[Observation] = (Observation.from_masks(list(each)) for each in masks)
+    observations: Iterable[Observation] = (_observed(each, cameras) for each in masks)
     observations = with_hidden(observations, subject, cameras, fps, lambda _: tracker.state.pose)
     for answer in track_frames(tracker, observations, keep=window.observe):
         yield from window.add(answer)
     yield from window.rest()
+
+
+def _check(config: TrackConfig, fps: float) -> None:
+    if not config.acceleration:
+        raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
+    if not fps > 0:
+        raise ValueError(f"fps must be above 0, got {fps:g}")
+
+
+def _observed(masks: Sequence[np.ndarray], rig: CameraRig) -> Observation:
+    """A frame's masks; a ValueError unless they are one of each camera, in its size."""
+    shapes, sizes = [np.shape(mask) for mask in masks], [(height, width) for width, height in rig.size.tolist()]
+    if shapes != sizes:
+        raise ValueError(f"masks must be one of each camera, (height, width) {sizes}, got {shapes}")
+    return Observation.from_masks([np.asarray(mask, bool) for mask in masks])
 
 
 class LiveTracker:
@@ -101,12 +115,11 @@ class LiveTracker:
         *,
         smoothed_by: tuple[SmoothingProcess, int] | None = None,
     ) -> None:
-        if not config.acceleration:
-            raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
+        _check(config, fps)
         given = subject, cameras, fps, config
         self._subject, self._units = subject, subject.body.skeleton.units(subject.body.unit)
         subject, cameras, config = in_own_unit(subject, cameras, config)
-        device = resolve_device(config.device)
+        device, self._rig = resolve_device(config.device), cameras
         self._stream = None if device == "cpu" else wp.Stream(device)  # several trackers' streams run side by side
         with self._own_stream():
             self._tracker = make_tracker(subject, cameras, config, fps)
@@ -125,6 +138,8 @@ class LiveTracker:
             for _ in self.rest():
                 pass
             self._tracker.state, self._begun = state, False
+            if isinstance(self._tracker, ContourTracker):
+                self._tracker.next_search = 0
             self._follow_holes()
 
     def _own_stream(self) -> wp.ScopedStream:
@@ -152,11 +167,15 @@ class LiveTracker:
     def begin(self, number: int, seen: Observation | Sequence[np.ndarray]) -> None:
         """Let a GPU begin with a frame; then the frames of others may be begun before this one is finished."""
         self.hand_on()
-        observation = seen if isinstance(seen, Observation) else Observation.from_masks(list(seen))
+        observation = seen if isinstance(seen, Observation) else _observed(seen, self._rig)
+        if number < self._expected:
+            raise ValueError(f"frame {number} comes after frame {self._expected - 1}: numbers must ascend")
         with self._own_stream():
             if number != self._expected:  # what is gone since may have moved
                 self._come.append(nothing_seen(observation))
                 next(self._followed)
+                if isinstance(self._tracker, ContourTracker):
+                    self._tracker.skip(number - self._expected)
             self._come.append(observation)
             self._observation, self._expected = next(self._followed), number + 1
             if isinstance(self._tracker, ContourTracker):
@@ -174,12 +193,9 @@ class LiveTracker:
         return live_frame(self._subject, self._units, number, answer.pose, answer, answer.status)
 
     def hand_on(self) -> None:
-        """Let the last frame be smoothed, and look for limbs in it: what can wait until the answer at once is sent."""
+        """Let the last frame be smoothed. A thread sends it, and would delay the answer at once if that came later."""
         while self._unsent:
             self._smoother.hand_on(*self._unsent.pop())
-            if isinstance(self._tracker, ContourTracker):
-                with self._own_stream():
-                    self._tracker.look()
 
     def smoothed(self) -> Iterator[LiveFrame]:
         """The frames whose smoothed answers have come since, once the last frame was handed on."""

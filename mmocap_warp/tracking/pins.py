@@ -72,14 +72,21 @@ def read_pins(pins: str | Path | list[dict[str, Any]], result: Result, recorded:
         InputError: what is not known, outside an image, in one view only, or contradicts another view.
     """
     source = str(pins) if isinstance(pins, str | Path) else "pins"
-    tables = load_toml(pins).take_rest() if isinstance(pins, str | Path) else {"pin": pins}
+    tables = load_toml(pins).take_rest() if isinstance(pins, str | Path) else {"pin": _as_toml(pins)}
     listed = tables.pop("pin", None)
     if tables or not isinstance(listed, list) or not listed or not all(isinstance(each, dict) for each in listed):
         remedy = 'write [[pin]], then frame = 155, joint = "LWrist", and a pixel [x, y] of two cameras or more'
-        raise InputError(source, "must hold [[pin]] tables and nothing else", remedy)
+        raise InputError(source, "must hold [[pin]] tables, one at least, and nothing else", remedy)
     rays = [ray for i, each in enumerate(listed, 1) for ray in _rays(Table(each, source, f"pin {i}"), result, recorded)]
     frame, joint, across, beside = (np.array(column) for column in zip(*rays, strict=True))
     return Pins(frame, joint, across, beside, SIGMA * result.subject.body.relative_size, listed)
+
+
+def _as_toml(pins: Any) -> Any:
+    """A list's tables with numbers and lists as a file has them: arrays, tuples and NumPy's numbers are as good."""
+    if not isinstance(pins, list) or not all(isinstance(each, dict) for each in pins):
+        return pins
+    return [{k: v if isinstance(v, str) else np.asarray(v).tolist() for k, v in each.items()} for each in pins]
 
 
 def _rays(table: Table, result: Result, recorded: CameraRig) -> list[tuple[int, int, np.ndarray, np.ndarray]]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from mmocap_warp.contour import ACCELERATION
-from mmocap_warp.formats.toml_table import describes_settings, listed, setting
+from mmocap_warp.formats.toml_table import check_kinds, describes_settings, listed, setting
 from mmocap_warp.result import CONFIGURED_LENGTHS
 from mmocap_warp.silhouettes import COSTS, RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGET, BUDGETS, CONTOUR_TRACKERS, PRESETS
@@ -62,6 +62,7 @@ class TrackConfig:
     threads: int | None = setting(None, "CPU threads.", "all that this process may use")
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         choices = {"algorithm": [*CONTOUR_TRACKERS, *ALGORITHMS], "preset": [*PRESETS], "cost": [*COSTS]}
         choices |= {"cameras": [AS_GIVEN, REFINE], "renderer": [*RENDERERS]}
         for name, allowed in choices.items():
@@ -79,7 +80,7 @@ class TrackConfig:
                 raise ValueError(f"{name} must be positive and finite, got {value}")
         if not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        if not 0 <= self.seed < 2**31 - self.runs:
+        if not 0 <= self.seed <= 2**31 - self.runs:
             raise ValueError(f"seed must be in 0 .. 2^31 - runs, got {self.seed}")
 
     def in_unit(self, unit: float) -> Self:

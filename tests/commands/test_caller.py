@@ -5,10 +5,15 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import mmocap_warp as mm
+from mmocap_warp import cli
+from mmocap_warp.cli import console
 from mmocap_warp.commands.caller import Reporter, arguments_checked
 from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.scenes import ROOT
 
 
 class Listener(Reporter):
@@ -57,3 +62,25 @@ def test_a_settings_error_becomes_one_of_usage_and_others_stay():
         with pytest.raises(type(error)) as same, arguments_checked():
             raise error
         assert same.value is error
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"runs": 1.5}, "runs must be a whole number, got 1.5"),
+        ({"seed": True}, "seed must be a whole number, got True"),
+        ({"limits": "no"}, "limits must be true or false, got 'no'"),
+        ({"smooth": "2"}, "smooth must be a number, got '2'"),
+        ({"seed": 2**31}, r"seed must be in 0"),
+    ],
+)
+def test_settings_of_another_kind_are_named(settings, message):
+    with pytest.raises(ValueError, match=message):
+        mm.TrackConfig(**settings)
+    assert mm.TrackConfig(seed=np.int64(3), smooth=2, threads=None, limits=True).seed == 3
+    assert mm.TrackConfig(seed=2**31 - 1).seed == 2**31 - 1
+
+
+def test_a_fraction_is_no_whole_number(capsys):
+    assert cli.main(["track", str(ROOT / "walk"), "--runs", "2.5", "--resume", "--frames", "2"]) == console.USAGE
+    assert "whole number" in capsys.readouterr().err

@@ -266,3 +266,29 @@ def test_what_the_scene_names_is_not_replaced(tmp_path, monkeypatch):
         mm.track(replace(scene, subject=own), body="adult_man", output=tmp_path / "r.usdc", **SETTINGS)
     with pytest.raises(InputError, match=r"r\.subject\.usdc: is the subject that the scene names"):
         mm.track(replace(scene, subject=own), output=own, force=True, **SETTINGS)
+
+
+def test_poses_that_are_none_are_no_start():
+    scene, _ = walk_and_subject()
+    for wrong in (np.full((1, 51), np.nan), np.zeros(51), np.zeros((1, 3))):
+        with pytest.raises(UsageError, match="start_poses must be finite and"):
+            mm.fit(scene, "adult_man", start_poses=wrong, device="cpu", trust_cameras=True)
+
+
+def test_what_a_live_session_writes_is_not_tracked_into(tmp_path):
+    scene, subject = walk_and_subject()
+    (tmp_path / "r.usdc.frames").touch()
+    with pytest.raises(InputError, match="is of a live session that goes on or was killed"):
+        mm.track(scene, subject, output=tmp_path / "r.usdc", force=True, **SETTINGS)
+
+
+def test_axes_are_of_a_file():
+    scene, subject = walk_and_subject()
+    result = mm.track(scene, subject, **SETTINGS)
+    with pytest.raises(UsageError, match="truth_axes are of a file"):
+        mm.evaluate(result, mm.load_truth(ROOT / "walk" / "truth.usdc"), truth_axes="xyz")
+
+
+def test_what_the_cluster_has_is_for_ray(tmp_path):
+    with pytest.raises(UsageError, match="gpus and address need engine ray"):
+        mm.batch(ROOT / "walk", tmp_path / "out", gpus=0.5)

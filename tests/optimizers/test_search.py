@@ -150,3 +150,9 @@ def test_a_plan_beyond_what_it_may_be_is_refused(plan):
 
     with pytest.raises(ValueError, match=r"Beyond.plan may have at most 199 candidates, 10 at a time, got \["):
         minimize(lambda points: (points**2).sum(axis=1), np.ones(3), 1.0, 200, optimizer=Beyond)
+
+
+def test_seeds_that_no_run_can_have_are_refused():
+    for seed in (-1, 2**31):
+        with pytest.raises(ValueError, match="seed must be in 0"):
+            minimize(lambda x, out: None, np.zeros(2), 1.0, 10, seed=seed, device="cpu")

@@ -39,3 +39,14 @@ def test_positions_of_a_run_or_frame_that_is_not_there(result):
         result.vertices(run=2)
     with pytest.raises(IndexError):
         result.vertices(frames=[6])
+
+
+def test_frames_are_chosen_by_positions_from_either_end_or_by_a_mask():
+    result = synthetic_result(frames=4)
+    early = result.frame_numbers < result.frame_numbers[2]
+    assert result.at(early).frame_numbers.tolist() == result.at([0, 1]).frame_numbers.tolist()
+    assert result.at([-1]).left_out_before == 3
+    np.testing.assert_array_equal(result.vertices(frames=early), result.vertices(frames=[0, 1]))
+    for wrong in ([0.5], [9], np.ones(3, bool)):
+        with pytest.raises(IndexError):
+            result.at(wrong)

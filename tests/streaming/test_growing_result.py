@@ -80,3 +80,11 @@ def test_an_older_result_stays_until_there_is_a_frame(tmp_path):
         result.send(packets()[1])
     assert read_result(path).frame_numbers.tolist() == [20]
     assert [each.name for each in tmp_path.iterdir()] == ["live.usdc"]
+
+
+def test_a_session_that_was_killed_before_a_frame_left_nothing(tmp_path):
+    path = tmp_path / "live.usdc"
+    path.write_bytes(b"older")
+    grown(path)
+    assert not finish(path)
+    assert path.read_bytes() == b"older"

@@ -14,10 +14,13 @@ from study_results import SEQUENCES, made_up_result, made_up_study
 
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.study.cell import Cell
+from mmocap_warp.study.definition import Plan
 from mmocap_warp.study.report_build import csv_table, markdown_tables, render
+from mmocap_warp.study.source import Clip
 from mmocap_warp.study.study_tables import by_algorithm, by_model, model_differences
 from mmocap_warp.study.summary import MEASURES, StudySummary, summarise
 from mmocap_warp.tracking.algorithms import ALGORITHMS, Algorithm
+from mmocap_warp.tracking.track_config import TrackConfig
 
 MAIN = MEASURES[0]
 MARKER_ERROR = next(measure for measure in MEASURES if measure.key == "marker_error")
@@ -311,3 +314,17 @@ def test_presets_are_compared_where_both_have_tracked():
     of = {preset: study.cells[Cell(SEQUENCES[0], "cmaes", 39, 500, preset)] for preset in ("recording", "paper")}
     shown = [f"{of[preset].runs['mpjpe'].mean():.1f}" for preset in ("recording", "paper")]
     assert f"9,000: paperCMAES{''.join(shown)}–" in text
+
+
+def test_the_result_of_the_plan_counts_though_another_is_later():
+    """Of a trial with fewer seeds or frames, in the same folder."""
+    cell = Cell("S1/Box", "cmaes", 39, 500)
+    planned, trial = made_up_result(cell, 3, 10), made_up_result(cell, 1, 10)
+    later = replace(trial, meta=trial.meta | {"started": "2026-02-01T00:00:00+00:00"})
+    first = int(planned.seeds[0])
+    plan = Plan(cell, Clip("S1/Box", frames=10), TrackConfig("cmaes", evaluations=500, seed=first, runs=3))
+    for order in ([planned, later], [later, planned]):
+        (summary,) = StudySummary.of(order, [plan]).cells.values()
+        assert len(summary.seeds) == 3
+        (summary,) = StudySummary.of(order).cells.values()
+        assert len(summary.seeds) == 1

@@ -109,27 +109,43 @@ def test_only_every_so_many_frames_may_be_searched_for():
     assert [spent > 0 for spent in evaluations] == [True, False, True]  # no level is known yet: all fall short
 
 
-def test_live_a_limb_is_looked_for_once_the_answer_was_given(monkeypatch):
-    seen, looked = motion("cpu")[1], []
-    find = ContourTracker._with_limbs_found
-
-    def watched(tracker, answer, looking, observation):
-        looked.append(looking.tolist())
-        found, which = find(tracker, answer, looking, observation)
-        return replace(found, pose=found.pose + np.float32(0.01)), which
-
-    monkeypatch.setattr(ContourTracker, "_with_limbs_found", watched)
+def test_across_missing_frames_the_motion_goes_on():
+    seen = motion("cpu")[1]
     tracker = ContourTracker(synthetic_subject(), RIG, CONFIG, FPS)
-    tracker.search_interval = 2
-    answer = tracker.step(seen[0])
-    assert looked == []
-    tracker.look()
-    assert looked == [[True]]
-    np.testing.assert_array_equal(tracker.state.pose, answer.pose + np.float32(0.01))  # the next frame starts there
-    tracker.step(seen[1])
-    tracker.look()
-    tracker.look()
-    assert looked == [[True]]  # this frame is none that is looked at
+    for each in seen[:3]:
+        tracker.step(each)
+    last, before = tracker.state.pose, tracker.state.previous_pose
+    tracker.skip(2)
+    np.testing.assert_allclose(tracker.state.pose - tracker.state.previous_pose, 3 * (last - before), atol=1e-5)
+    tracker.step(seen[5])
+    moved = tracker.state.pose - tracker.state.previous_pose
+    np.testing.assert_allclose(moved, (tracker.state.pose - last) / 3, atol=1e-5)  # of a frame again
+    kept = tracker.state
+    tracker.skip(20)
+    np.testing.assert_array_equal(tracker.state.previous_pose, kept.previous_pose)  # nobody knows where to
+
+
+def test_live_a_body_is_searched_for_once_it_stays_lost(monkeypatch):
+    seen, climbed = motion("cpu")[1], []
+    tracker = ContourTracker(synthetic_subject(), RIG, TrackConfig(device="cpu", threads=1, evaluations=20), FPS)
+    tracker.search_interval = 100
+    tracker.step(seen[0])
+    tracker.state = tracker.state.settled()
+    elsewhere = Observation.from_masks([np.roll(mask, 30, axis=1) for mask in unpack_masks(seen[1].words, RIG.size)])
+    recover = ContourTracker._recovered
+
+    def watched(*given):
+        climbed.append(len(found))
+        return recover(*given)
+
+    monkeypatch.setattr(ContourTracker, "_recovered", watched)
+    found = []
+    for _ in range(4):
+        found.append(tracker.step(elsewhere).status[0])
+    assert climbed == []  # it was searched for in the first frame
+    tracker.next_search = 0
+    found.append(tracker.step(elsewhere).status[0])
+    assert climbed == [4]
 
 
 def test_after_one_frame_that_was_searched_the_usual_overlap_may_be_known():
@@ -286,3 +302,17 @@ def test_a_frame_is_handed_on_once_its_answer_was_given(monkeypatch):
         assert handed == [0, 1]
         list(tracker.rest())
         assert handed == [0, 1, 2]
+
+
+def test_wrong_frames_are_refused_and_the_next_is_tracked():
+    seen = [unpack_masks(each.words, RIG.size) for each in motion("cpu")[1]]
+    with closing(LiveTracker(synthetic_subject(), RIG, FPS, CONFIG)) as tracker:
+        tracker.step(0, seen[0])
+        for masks in ([mask[:-1] for mask in seen[1]], [mask[:, 1:] for mask in seen[1]], seen[1][:-1]):
+            with pytest.raises(ValueError, match="masks must be one of each camera"):
+                tracker.step(1, masks)
+        assert tracker.step(1, seen[1]).status == ("tracked",)
+        with pytest.raises(ValueError, match="frame 1 comes after frame 1: numbers must ascend"):
+            tracker.step(1, seen[1])
+    with pytest.raises(ValueError, match="fps must be above 0, got 0"):
+        LiveTracker(synthetic_subject(), RIG, 0, CONFIG)

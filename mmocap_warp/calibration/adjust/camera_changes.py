@@ -16,7 +16,7 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.rotations import transposed
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.formats.toml_table import describes_settings, setting
+from mmocap_warp.formats.toml_table import check_kinds, describes_settings, setting
 
 KINDS: tuple[str, ...] = (
     "tilt", "pan", "roll", "right", "down", "ahead", "focal", "centre_x", "centre_y", "radial", "offset",
@@ -86,6 +86,7 @@ class AdjustConfig:
     )
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         for name, least in (("frames", 2), ("judges", 2), ("threads", 1)):
             if (value := getattr(self, name)) is not None and value < least:
                 raise ValueError(f"{name} must be at least {least}, got {value}")

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
-from itertools import chain
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -24,9 +23,8 @@ from mmocap_warp.display.page.page_content import Views, content, pose_step, sen
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.scene.frame_choice import stretches
 from mmocap_warp.scene.recording import Scene
-from mmocap_warp.tracking.body_masks import tracked_masks
+from mmocap_warp.tracking.body_masks import images_of, tracked_masks
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
 
@@ -81,8 +79,7 @@ def view(
         masks = small_masks(_with_progress(together, len(positions), progress), cameras)
         if images:
             scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
-            parts = (scene.of_frames(each) for each in stretches(shown.frame_numbers.tolist()))
-            pictures = small_images(chain.from_iterable(part.images(scale) for part in parts), cameras)
+            pictures = small_images(images_of(scene, shown.frame_numbers.tolist(), scale), cameras)
     calibrated = None if scene is None else scene.calibrated
     shown_people = [(look, each.at(positions)) for look, each, _ in people]
     html = filled(

@@ -80,8 +80,8 @@ class TrackConfig:
                 raise ValueError(f"{name} must be positive and finite, got {value}")
         if not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        if not 0 <= self.seed <= 2**31 - self.runs:
-            raise ValueError(f"seed must be in 0 .. 2^31 - runs, got {self.seed}")
+        if not 0 <= self.seed < 2**31 - self.runs:
+            raise ValueError(f"seed must be in 0 .. 2^31 - 1 - runs, got {self.seed}")
 
     def in_unit(self, unit: float) -> Self:
         """These settings, those in metres in a unit [m]."""

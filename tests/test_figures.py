@@ -114,7 +114,7 @@ def test_the_readmes_figures_are_those_of_the_pages_that_it_links_to():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     errors = _row("docs/accuracy.md", "| `search-contour`, the default")[2:4]
     (markers, joints) = (sorted(float(value) for value in cell.split(", ")) for cell in errors)
-    assert f"skin markers are then {markers[0]} to {markers[-1]} mm off in the mean" in readme
+    assert f"skin markers are {markers[0]} to {markers[-1]} mm off on average" in readme
     assert f"joints {joints[0]} to {joints[-1]} mm" in readme
     fox, hand, quadruped, arm = (_row("docs/examples.md", f"| [{name}]") for name in ("fox", "hand", "ANYmal", "Panda"))
     fox_share, hand_share = (re.findall(r"[\d.]+ %", row[3])[-1] for row in (fox, hand))

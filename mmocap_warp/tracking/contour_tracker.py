@@ -186,7 +186,7 @@ class ContourTracker:
 
     def skip(self, frames: int) -> None:
         """So many frames before the next are missing: the motion goes on across a few of them."""
-        if 0 < frames <= _MOST_SKIPPED:
+        if 0 < frames <= _MOST_SKIPPED and not self._skipped:  # else nobody was seen since the last gap
             motion = self._state.pose - self._state.previous_pose
             self._state = replace(self._state, previous_pose=self._state.pose - np.float32(1 + frames) * motion)
             self._skipped = frames

@@ -180,6 +180,7 @@ def interrupted(*_) -> None:
     raise KeyboardInterrupt
 
 
+@pytest.mark.nightly
 def test_an_interrupted_run_goes_on_with_all_of_its_pieces(scene, monkeypatch, tmp_path):
     at_once, _, _ = in_two(scene, monkeypatch)
     output = tmp_path / "r.usdc"

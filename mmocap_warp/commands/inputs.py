@@ -200,7 +200,7 @@ def scene_of(
 
 def as_tracked(scene: Scene, result: Result, path: Path | None) -> Scene:
     """The scene with the cameras that a result, whose file is at ``path``, was tracked with."""
-    refined = path and result.config.get("refined_cameras")
+    refined = result.config.get("refined_cameras")
     return with_refined(scene, kept) if path and refined and (kept := path.with_name(refined)).exists() else scene
 
 

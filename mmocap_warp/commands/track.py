@@ -254,9 +254,9 @@ def track(
     _check_model(generic, loaded, chosen, given)
     named = subject or Subject(generic, np.eye(3), np.zeros(generic.skeleton.coordinates), {})
     more = [each for each in (pieces > 1 and pieces, *([rigid, loaded.fit] if subject is None else ())) if each]
-    asked = (
-        {} if file is None else {"asked": asked_for(loaded, subject_carrying(named, loaded.attached)[0], chosen, more)}
-    )
+    asked = {}
+    if file is not None:
+        asked["asked"] = asked_for(loaded, subject_carrying(named, loaded.attached)[0], chosen, more)
     if resume and file is not None and file.exists() and not (checkpoint and checkpoint.exists()):
         return _complete(file, asked["asked"], given.get("cameras", loaded.track.get("cameras")), reporter)
     fitted_for = f"{chosen.cameras} {asked.get('asked')}"

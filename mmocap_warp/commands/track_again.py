@@ -44,10 +44,12 @@ def solved_again(
         raise UsageError(f"--again needs --pins, or --frames first:end, {some}, to say which are solved anew")
 
     # The run's settings are those of the result; where it is done may be another place.
-    fields = set(vars(TrackConfig())) - {"device", "threads"}
+    usual = TrackConfig()
+    fields = set(vars(usual)) - {"device", "threads"}
     own = TrackConfig(**{name: result.config[name] for name in fields if name in result.config})
-    stated = set() if config is None else {n for n in fields if getattr(config, n) != getattr(TrackConfig(), n)}
-    if other := set(settings) - {"device", "threads"} | {n for n in stated if getattr(config, n) != getattr(own, n)}:
+    stated = () if config is None else ((name, getattr(config, name)) for name in fields)
+    changed = {name for name, value in stated if value not in (getattr(usual, name), getattr(own, name))}
+    if other := set(settings) - {"device", "threads"} | changed:
         raise UsageError(f"--{min(other).replace('_', '-')} cannot be given with --again, which has the result's own")
     place = effective(TrackConfig, loaded.settings("track"), settings, config)
     own = replace(own, device=place.device, threads=place.threads)

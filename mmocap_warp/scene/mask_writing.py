@@ -61,8 +61,8 @@ def write_masks(
     people = [scene.of_person(name) for name in scene.people] or [scene]
     streams = zip(*(person.masks(scale) for person in people), strict=True)
     with WebmFile(folder / "overlay.webm", scene.rate) as video, ThreadPoolExecutor() as pool:
-        labelled = bool(scene.people) or scene.has_others
-        hidden = scene.hidden(scale) if labelled else repeat([], scene.frame_count)
+        has_labels = bool(scene.people) or scene.has_others
+        hidden = scene.hidden(scale) if has_labels else repeat([], scene.frame_count)
         pairs = apart or zip(streams, hidden, strict=True)
         frames = zip(pairs, scene.images(scale) if images is None else images, strict=True)
         encoding: Future[None] = pool.submit(lambda: None)  # a frame, while the next one is made
@@ -71,7 +71,7 @@ def write_masks(
             if refine is not None:
                 before, masks = (), [refine(masks[0], views)]
             written = masks[0]
-            if labelled:  # numbered from 1 on; what is filled lies behind what was there before
+            if has_labels:  # numbered from 1 on; what is filled lies behind what was there before
                 written = [np.where(hides, np.uint8(UNDECIDED), np.uint8(0)) for hides in in_front]
                 for label, of_person in enumerate(zip(masks, before, strict=True), 1):
                     for labels, mask, old in zip(written, *of_person, strict=True):

@@ -111,6 +111,16 @@ class CellSummary:
     meta: dict  # as in ``CellResult``
 
 
+def _rank(result: CellResult, plan: Plan | None) -> tuple[bool, int, str]:
+    """By what one of a cell's results counts: whether seeds, and then frames, are its plan's, and when it was begun."""
+    begun = str(result.meta.get("started", ""))
+    if plan is None:
+        return False, 0, begun
+    first, most, frames = plan.config.seed, plan.clip.frames, len(result.frames)
+    is_planned = result.seeds.tolist() == [*range(first, first + plan.config.runs)]
+    return is_planned, frames if most is None else int(frames == most), begun
+
+
 def summarise(result: CellResult) -> CellSummary:
     """The short form of a cell's result; what it does not know is absent."""
     frames, once = len(result.frames), result.per_run
@@ -202,19 +212,13 @@ class StudySummary:
 
         Where several are of the same cell, one with the seeds and frames of its plan counts, or that started last.
         """
-        cells: dict[Cell, CellSummary] = {}
-        plan_of, ranks = {plan.cell: plan for plan in plans}, dict[Cell, tuple[bool, int, str]]()
+        best: dict[Cell, tuple[tuple[bool, int, str], CellSummary]] = {}
+        plan_of = {plan.cell: plan for plan in plans}
         for result in results:
-            plan, frames = plan_of.get(result.cell), len(result.frames)
-            is_planned, meets = False, 0
-            if plan is not None:
-                first, most = plan.config.seed, plan.clip.frames
-                is_planned = result.seeds.tolist() == [*range(first, first + plan.config.runs)]
-                meets = frames if most is None else int(frames == most)
-            rank = is_planned, meets, str(result.meta.get("started", ""))
-            if result.cell not in cells or ranks[result.cell] <= rank:
-                cells[result.cell], ranks[result.cell] = summarise(result), rank
-        return cls(cells)
+            rank = _rank(result, plan_of.get(result.cell))
+            if result.cell not in best or best[result.cell][0] <= rank:
+                best[result.cell] = rank, summarise(result)
+        return cls({cell: summary for cell, (_, summary) in best.items()})
 
     def of_grid(self, **of: Any) -> list[CellSummary]:
         """The grid's cells, or those of one algorithm, number of degrees of freedom or the like."""

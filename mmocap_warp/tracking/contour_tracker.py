@@ -155,12 +155,11 @@ class ContourTracker:
                 climbing &= self._shows_where(answer, climbing, observation)
             else:  # live, where a climb delays the frames after it
                 state, place = self._state, int(self._state.frame_count.min())
-                climbing = ~state.level_known | (state.lost_count >= _LOST_LIVE)
-                if climbing.any() and place >= self.next_search:
+                climbing = (~state.level_known | (state.lost_count >= _LOST_LIVE)) & (place >= self.next_search)
+                if climbing.any():
                     climbing &= self._falls_short(answer, _LOST_OVERLAP, _LOST_EXPOSED)
-                    self.next_search = place + self.search_interval if climbing.any() else self.next_search
-                else:
-                    climbing = np.zeros(self._runs, bool)
+                if climbing.any():
+                    self.next_search = place + self.search_interval
             if self.search and climbing.any():
                 answer, rescued = self._recovered(self.search, answer, climbing, observation)
                 evaluations = self.search.evaluations

@@ -166,7 +166,7 @@ class LiveTracker:
 
     def begin(self, number: int, seen: Observation | Sequence[np.ndarray]) -> None:
         """Let a GPU begin with a frame; then the frames of others may be begun before this one is finished."""
-        self.hand_on()
+        self._hand_on()
         observation = seen if isinstance(seen, Observation) else _observed(seen, self._rig)
         if number < self._expected:
             raise ValueError(f"frame {number} comes after frame {self._expected - 1}: numbers must ascend")
@@ -192,21 +192,17 @@ class LiveTracker:
         self._begun = True
         return live_frame(self._subject, self._units, number, answer.pose, answer, answer.status)
 
-    def hand_on(self) -> None:
+    def _hand_on(self) -> None:
         """Let the last frame be smoothed. A thread sends it, and would delay the answer at once if that came later."""
         while self._unsent:
             self._smoother.hand_on(*self._unsent.pop())
 
     def smoothed(self) -> Iterator[LiveFrame]:
-        """The frames whose smoothed answers have come since, once the last frame was handed on."""
-        self.hand_on()
-        yield from self.solved()
-
-    def solved(self) -> Iterator[LiveFrame]:
         """The frames whose smoothed answers have come since."""
+        self._hand_on()
         yield from self._smoother.solved(self._person)
 
     def rest(self) -> Iterator[LiveFrame]:
         """The smoothed answers that are missing, once no frame will come."""
-        self.hand_on()
+        self._hand_on()
         yield from self._smoother.rest(self._person)

@@ -112,9 +112,7 @@ def _serve(line: Any) -> None:
                 for tracker, each in zip(trackers, seen, strict=True):
                     tracker.begin(number, each)
                 frames = [tracker.finish() for tracker in trackers]
-                line.send((frames, [list(tracker.solved()) for tracker in trackers]))
-                for tracker in trackers:
-                    tracker.hand_on()
+                line.send((frames, [list(tracker.smoothed()) for tracker in trackers]))
             line.send([list(tracker.rest()) for tracker in trackers])
         except (TypeError, ValueError) as error:
             line.send(error)

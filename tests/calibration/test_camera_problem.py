@@ -14,7 +14,6 @@ from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, known_d
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import BodyProblem
 from mmocap_warp.contour.frame.fitter import MatchingConfig
-from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
 SPACE = RestSpace(BODY)
@@ -117,13 +116,6 @@ def test_a_known_length_gives_the_scale(device, known):
     length = known_height(SPACE, height()) if known == "height" else known_distance(wrong, 0, 1, true)
     found = changed(wrong, solved(device, wrong, sigma, known=(length,), share=0.3))
     assert float(np.linalg.norm(found.centres[1] - found.centres[0])) == pytest.approx(true, abs=0.03)
-
-
-def test_a_rooting_that_holds_the_root_is_refused():
-    skeleton = BODY.skeleton
-    held = Rooting(skeleton, np.eye(3), skeleton.searched()[1:])
-    with pytest.raises(ValueError, match="rooting"):
-        CameraProblem(RIG, np.zeros(4), SPACE, held, 0.3, np.zeros((4, len(KINDS))))
 
 
 def test_a_known_length_costs_by_how_much_it_is_missed(device):

@@ -113,6 +113,15 @@ def test_a_camera_alone_is_compared_with_nothing(tmp_path):
             compare(alone, BODY, CONFIG)
 
 
+def test_a_body_whose_root_is_held_shows_nothing_of_the_cameras(tmp_path):
+    skeleton = BODY.skeleton
+    searched = skeleton.searched()[1:]  # without the translation along x
+    held = replace(skeleton, models={len(searched): searched})
+    for compare in (check, refine):
+        with pytest.raises(InputError, match=r"scene\.toml.* held at the root"):
+            compare(write_scene(tmp_path / compare.__name__, RIG, 2), replace(BODY, skeleton=held), CONFIG)
+
+
 @pytest.mark.filterwarnings("error")
 def test_two_cameras_start_from_where_they_are(tmp_path):
     scene = write_scene(tmp_path, changed(RIG, planted(roll=0.12)), 2)

@@ -205,6 +205,15 @@ def test_tangents_of_true_cameras_agree():
     assert np.abs(residuals(pinholes(RIG), tangents)).max() < 1e-3
 
 
+def test_views_that_never_see_the_person_at_once_have_no_tangents() -> None:
+    hulls = person_before(RIG, polytopes(way())).hull.copy()
+    for k in range(len(hulls)):
+        hulls[k, np.arange(hulls.shape[1]) % len(hulls) != k] = np.nan
+    tangents = find_tangents(pinholes(RIG), hulls)
+    assert (tangents.frame.size, tangents.missing) == (0, 0)
+    assert residuals(pinholes(RIG), tangents).shape == (0,)
+
+
 def test_residuals_are_pixels():
     """A view raised by two pixels misses another, as sharp and as far, by what both share of it."""
     cameras = pinholes(RIG)

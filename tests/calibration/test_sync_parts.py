@@ -280,6 +280,8 @@ def test_a_rival_is_the_best_lag_elsewhere_over_the_best_here() -> None:
     assert judged({0: 1.0, 3: 0.8}, by_hull=True).sure is True
     assert judged({0: 1.0}, margin=1.9).sure
     assert not judged({0: 1.0}, margin=2.0).sure
+    near = _judge(made_scores(2, {0: 1.0, 1: 0.9}), 0, np.zeros(2, int), 0.0, LagCourse())
+    assert (near.rival, near.sure) == (0.0, True)  # no lag that is looked for lies elsewhere
 
 
 def test_a_short_lag_within_its_margin_is_none() -> None:

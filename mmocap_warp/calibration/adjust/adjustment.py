@@ -12,6 +12,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust import camera_changes, camera_problem
 from mmocap_warp.calibration.adjust.camera_changes import OFFSET, POSITION, ROTATION, AdjustConfig, changed
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution, KnownLength, camera_fitter
@@ -54,13 +55,15 @@ class Adjustment:
     ``body`` is the generic one that the person's is expected to be near to.
 
     Raises:
-        ValueError: a camera that the scene does not have.
-        InputError: it has one camera alone.
+        InputError: it has one camera alone, or the body's root is held.
     """
 
     def __init__(self, scene: Scene, body: BodyModel, config: AdjustConfig) -> None:
         if len(scene.cameras) < 2:
             raise InputError(scene.path, "names one camera, and comparing needs two views at least", "name another one")
+        if not set(range(ROOT_ANGLES.stop)) <= set(body.skeleton.searched()):
+            problem = "its body is held at the root, and cameras are compared by a body that is free to move"
+            raise InputError(scene.path, problem, "calibrate by a recording of a person, or by a board")
         self.scene, self.config, self._body = scene, config, body
         self.device, self.threads = resolve_device(config.device), config.threads or available_threads()
         self.footage = Footage(scene, config.scale)
@@ -69,7 +72,6 @@ class Adjustment:
         self.sigma = config.deviations.of(self.given)  # (camera, parameter) how far off the calibration may be
         self._world_floats = bool(self.sigma[:, POSITION].any())  # all cameras and the person may move together
         names, distance = self.given.names, config.distance
-        config.check_names(names)
         self._stated_fixed = None if config.fixed is None else names.index(config.fixed)
         # Whether nothing but the choice of the camera that stands still says where the world is.
         self.world_is_chosen = self._world_floats and self._stated_fixed is None

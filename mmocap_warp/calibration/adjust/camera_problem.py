@@ -64,10 +64,6 @@ class CameraProblem:
     known: tuple[KnownLength, ...] = ()  # lengths that are known
     larger: float = _LARGER  # standard deviation of each camera's margin [px]; 0 holds it
 
-    def __post_init__(self) -> None:
-        if not self.rooting.folds or not np.isin(np.arange(3), self.rooting.searched).all():
-            raise ValueError("rooting must search the root's translation and all its angles")
-
     @property
     def _own(self) -> np.ndarray:
         """(camera, parameter + 1) standard deviations of each camera's parameters and, last, of its masks' margin."""

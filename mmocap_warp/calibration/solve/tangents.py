@@ -75,7 +75,7 @@ def find_tangents(cameras: Pinholes, hulls: np.ndarray) -> Tangents:
     filled = np.where(seen[..., None, None], hulls, 0.0)
     rays = np.stack([cameras.rays(np.full(one.shape[:2], k), one) for k, one in enumerate(filled)])
     towards = rays.mean(axis=2)
-    pairs, numbers, pixels, missing = [], [], [], 0
+    pairs, numbers, pixels, missing = [np.zeros((2, 0), int)], [np.zeros(0, int)], [np.zeros((2, 0, 2))], 0
     for i, j in combinations(range(len(hulls)), 2):
         frames = np.flatnonzero(seen[i] & seen[j])
         if not len(frames):

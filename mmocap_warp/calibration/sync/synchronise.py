@@ -229,12 +229,12 @@ def _judge(
     disagree tells nothing of an offset that changes.
     """
     frames = offsets - mode(offsets.tolist())  # the frames of most views are the scene's
-    # The best lag elsewhere, and its score over that of the chosen one.
+    # The best lag elsewhere, if lags reach so far, and its score over that of the chosen one.
     curve, at = scores.of_view(view, offsets - offsets[view]), scores.reach
     elsewhere = np.abs(np.arange(len(curve)) - at) > scores.near
     other = int(np.argmax(np.where(elsewhere, curve, -np.inf)))
     best = float(curve[at - 1 : at + 2].max())
-    rival = float(max(curve[other], 0.0)) / best if best > 0 else float("inf")
+    rival = float(max(curve[other], 0.0) * elsewhere[other]) / best if best > 0 else float("inf")
     # The pairs that alone agree with the chosen lag.
     others = [each for each in range(len(offsets)) if each != view]
     same = [abs(scores.best_lag(each, view) - (offsets[view] - offsets[each])) <= _PAIR_TOLERANCE for each in others]

@@ -14,8 +14,8 @@ from synthetic import COORDINATES, ring_rig
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import make_body_arrays
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.kernels.body.kinematics import pose_joints
-from mmocap_warp.kernels.body.skinning import skin
+from mmocap_warp.kernels.block import batch_of
+from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.masks.observation import unpack_masks
 
 _MIDDLE = np.array([0.0, 0.9, 0.0])  # of a standing person [m]
@@ -64,9 +64,10 @@ def random_masks(sizes: np.ndarray, seed: int = 0) -> list[np.ndarray]:
 def posed_vertices(body: BodyModel, root_base: np.ndarray, poses: np.ndarray, device: str) -> wp.array:
     """(candidate, tracking vertex) vec3 by the kernels [m]."""
     arrays, joints = make_body_arrays(body, root_base, body.tracking, device), poisoned_joints(len(poses), 16, device)
-    pose_joints(arrays, wp.array(poses, dtype=wp.float32, device=device), joints)
     posed = poisoned((len(poses), len(body.tracking.rest)), wp.vec3, device)
-    skin(arrays, joints, posed)
+    vertex = wp.array(np.arange(posed.shape[1]), dtype=wp.int32, device=device)
+    batch = batch_of(0, len(poses), len(poses), device)
+    pose_vertices(arrays, wp.array(poses, dtype=wp.float32, device=device), vertex, batch, joints, posed)
     return posed
 
 

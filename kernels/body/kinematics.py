@@ -104,27 +104,3 @@ def chain_joint(local: Affine, body: Body, c: int, j: int, joints: Joints) -> No
     from_rest = world * wp.transpose(body.joint_frame[j])
     rest = body.joint_rest[wp.min(c, body.joint_rest.shape[0] - 1), j]
     joints.skin_matrix[c, j] = affine(from_rest, origin - from_rest * rest)
-
-
-@wp.kernel
-def _pose_joints(
-    body: Body,
-    pose: wp.array2d[wp.float32],  # (candidate, 3 + 3 joint)
-    # out
-    joints: Joints,
-) -> None:
-    c = wp.tid()
-    run = wp.min(c, body.root_base.shape[0] - 1)
-    for j in range(body.parent.shape[0]):
-        chain_joint(turn_joint(body, pose, c, run, j), body, c, j, joints)
-
-
-def pose_joints(body: Body, pose: wp.array[wp.float32], joints: Joints) -> None:
-    """Joint frames in the world, and the matrices that carry rest points along with them.
-
-    ``transform[j] = transform[parent] @ rest_local[j] @ (Rz Ry Rx)``, of a sliding joint
-    ``transform[parent] @ rest_local[j] @ shift``, and
-    ``skin_matrix[j] = transform[j] @ inverse(bind[j])``; the root sits at ``pose[:, :3]`` [m] and turns in
-    ``root_base``, one for all candidates or one each. ``pose`` is (candidate, 3 + 3 joint) [m, rad].
-    """
-    wp.launch(_pose_joints, pose.shape[0], [body, pose], [joints], device=pose.device)

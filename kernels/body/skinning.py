@@ -1,4 +1,4 @@
-"""Linear-blend skinning, of given skinning matrices or straight from the pose."""
+"""Linear-blend skinning straight from the pose."""
 
 import warp as wp
 
@@ -23,25 +23,6 @@ def _skinned(body: Body, skin_matrix: wp.array2d[Affine], c: int, v: int) -> wp.
         if share[i] > 0.0:
             blended += share[i] * (skin_matrix[c, influence[i]] * at)
     return blended
-
-
-@wp.kernel
-def _skin(
-    body: Body,
-    joints: Joints,
-    # out
-    posed: wp.array2d[wp.vec3],  # (candidate, vertex)
-) -> None:
-    c, v = wp.tid()
-    posed[c, v] = _skinned(body, joints.skin_matrix, c, v)
-
-
-def skin(body: Body, joints: Joints, posed: wp.array[wp.vec3]) -> None:
-    """Pose every candidate: ``posed[c, v] = sum_i weight[v, i] * skin_matrix[c, joint[v, i]] @ rest[v]`` [m].
-
-    ``posed`` is (candidate, vertex).
-    """
-    launch(_skin, posed.shape, [body, joints], [posed], device=posed.device)
 
 
 @wp.kernel
@@ -83,9 +64,13 @@ def pose_vertices(
 ) -> None:
     """Pose the joints of a batch's candidates and skin some of its vertices: a block of lanes each.
 
-    See :func:`~mmocap_warp.kernels.body.kinematics.pose_joints` and :func:`skin`. ``pose`` is
-    (candidate, 3 + 3 joint) [m, rad], ``vertex`` has the numbers of the wanted ones, ``posed`` is (candidate, vertex)
-    [m]; candidates are shared evenly by as many runs as there are root bases.
+    ``transform[j] = transform[parent] @ rest_local[j] @ (Rz Ry Rx)``, of a sliding joint
+    ``transform[parent] @ rest_local[j] @ shift``, and ``skin_matrix[j] = transform[j] @ inverse(bind[j])``; the root
+    sits at ``pose[:, :3]`` [m] and turns in ``root_base``. Then
+    ``posed[c, v] = sum_i weight[v, i] * skin_matrix[c, joint[v, i]] @ rest[v]`` [m].
+
+    ``pose`` is (candidate, 3 + 3 joint) [m, rad], ``vertex`` has the numbers of the wanted ones, ``posed`` is
+    (candidate, vertex) [m]; candidates are shared evenly by as many runs as there are root bases.
     """
     lanes = lanes_of(posed.device)
     dim = (batch.size, lanes)

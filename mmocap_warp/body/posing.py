@@ -51,11 +51,10 @@ def _repeat(values: np.ndarray, copies: int) -> np.ndarray:
 
 
 class Poser:
-    """Poses a body on a Warp device; ``root_base`` (3, 3) is the world from body axes at zero root rotation."""
+    """Poses a body; ``root_base`` (3, 3) is the world from body axes at zero root rotation."""
 
-    def __init__(self, body: BodyModel, root_base: np.ndarray, device: str = "cpu") -> None:
-        self._device = device
-        self._full = make_body_arrays(body, root_base, body.skin, device)
+    def __init__(self, body: BodyModel, root_base: np.ndarray) -> None:
+        self._full = make_body_arrays(body, root_base, body.skin, "cpu")
         self._tracking, self._coordinates = body.tracking_vertex, body.skeleton.coordinates
 
     def joint_transforms(self, pose: np.ndarray) -> np.ndarray:
@@ -63,45 +62,39 @@ class Poser:
         poses = np.atleast_2d(np.asarray(pose, np.float32))
         square = np.zeros((len(poses), len(self._full.parent), 4, 4), np.float32)
         for block in blocks(len(poses), POSES_AT_ONCE):
-            square[block, :, :3] = self._pose(poses[block]).transform.numpy()
+            square[block, :, :3] = self._pose(poses[block], np.zeros(0, np.int32))[0].transform.numpy()
         square[..., 3, 3] = 1.0
         return square
 
     def vertices(self, pose: np.ndarray) -> np.ndarray:
         """The full mesh's vertices in the world for poses (n, coordinate): (n, vertex, 3) float32 [m]."""
-        import warp as wp
-
-        from mmocap_warp.kernels.body.skinning import skin
-
-        joints = self._pose(pose)
-        posed = wp.empty((joints.transform.shape[0], self._full.rest.shape[1]), dtype=wp.vec3, device=self._device)
-        skin(self._full, joints, posed)
-        return np.asarray(posed.numpy())
+        return np.asarray(self._pose(pose, np.arange(self._full.rest.shape[1], dtype=np.int32))[1].numpy())
 
     def tracking_vertices(self, pose: np.ndarray) -> np.ndarray:
         """The tracking mesh's vertices in the world for poses (n, coordinate): (n, tracking vertex, 3) float32 [m]."""
         return self.vertices(pose)[:, self._tracking]
 
-    def _pose(self, pose: np.ndarray) -> Any:
+    def _pose(self, pose: np.ndarray, vertex: np.ndarray) -> tuple[Any, Any]:
+        """The joints, and the full mesh's vertices, of which all or none are wanted."""
         import warp as wp
 
-        from mmocap_warp.kernels.body.kinematics import pose_joints
+        from mmocap_warp.kernels.block import batch_of
+        from mmocap_warp.kernels.body.skinning import pose_vertices
 
         poses = np.atleast_2d(np.asarray(pose, np.float32))
         if poses.shape[1] != self._coordinates:
             raise ValueError(f"pose must be (n, {self._coordinates}), got {poses.shape}")
-        joints = make_joint_arrays(len(poses), len(self._full.parent), self._device)
-        pose_joints(self._full, wp.array(poses, dtype=wp.float32, device=self._device), joints)
-        return joints
+        count = len(poses)
+        joints = make_joint_arrays(count, len(self._full.parent), "cpu")
+        posed = wp.empty((count, len(vertex)), dtype=wp.vec3, device="cpu")
+        given = (wp.array(each, dtype=of, device="cpu") for each, of in ((poses, wp.float32), (vertex, wp.int32)))
+        pose_vertices(self._full, *given, batch_of(0, count, count, "cpu"), joints, posed)
+        return joints, posed
 
 
 def joint_positions(subject: Subject, pose: np.ndarray) -> np.ndarray:
     """Joint centres in the world for full poses (n, coordinate): (n, joint, 3) float64 [m]."""
-    poser = Poser(subject.body, subject.root_base)
-    centres = np.empty((len(pose), len(subject.body.joint_rest), 3))
-    for block in blocks(len(pose), POSES_AT_ONCE):
-        centres[block] = poser.joint_transforms(pose[block])[:, :, :3, 3]
-    return centres
+    return Poser(subject.body, subject.root_base).joint_transforms(pose)[:, :, :3, 3].astype(float)
 
 
 def skin_positions(subject: Subject, pose: np.ndarray, vertex: np.ndarray) -> np.ndarray:

@@ -7,7 +7,8 @@ from random_scenes import random_poses
 from synthetic import synthetic_body, synthetic_subject, upright
 
 from mmocap_warp.body.posing import make_body_arrays
-from mmocap_warp.kernels.body.kinematics import pose_joints
+from mmocap_warp.kernels.block import batch_of
+from mmocap_warp.kernels.body.skinning import pose_vertices
 
 POSITION = 1e-5  # [m]
 ROTATION = 1e-5  # of a matrix entry
@@ -18,9 +19,9 @@ def posed_joints(bodies, bases, poses, device):
     arrays = make_body_arrays(bodies[0], bases[0], bodies[0].tracking, device, copies=len(bodies))
     arrays.joint_rest.assign(np.stack([body.joint_rest for body in bodies]))
     arrays.root_base.assign(np.stack(bases).astype(np.float32))
-    params = wp.array(poses, dtype=wp.float32, device=device)
-    joints = poisoned_joints(len(poses), 16, device)
-    pose_joints(arrays, params, joints)
+    params, no_vertex = wp.array(poses, dtype=wp.float32, device=device), wp.zeros(0, dtype=wp.int32, device=device)
+    joints, posed = poisoned_joints(len(poses), 16, device), wp.empty((len(poses), 0), dtype=wp.vec3, device=device)
+    pose_vertices(arrays, params, no_vertex, batch_of(0, len(poses), len(poses), device), joints, posed)
     return joints.transform.numpy(), joints.skin_matrix.numpy()
 
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import reference
@@ -8,8 +10,7 @@ from synthetic import synthetic_body, synthetic_subject
 
 from mmocap_warp.body.posing import make_body_arrays
 from mmocap_warp.kernels.block import batch_of
-from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints
-from mmocap_warp.kernels.body.skinning import pose_vertices, skin
+from mmocap_warp.kernels.body.skinning import pose_vertices
 
 POSITION = 1e-5  # [m]
 
@@ -24,33 +25,9 @@ def test_vertices_are_where_the_twin_has_them(device, up):
         np.testing.assert_allclose(found, expected, rtol=0, atol=POSITION)
 
 
-def random_skin(rng, candidates, vertices, joints):
-    weight = rng.dirichlet(np.full(4, 0.5), vertices)
-    weight[: vertices // 2, 2:] = 0.0  # two influences only
-    weight = -np.sort(-weight / weight.sum(1, keepdims=True), axis=1)
-    joint = rng.integers(0, joints, (vertices, 4))
-    return rng.normal(0, 1, (candidates, joints, 3, 4)), joint, weight
-
-
-@pytest.mark.parametrize("bodies", [1, 5])
-def test_any_matrices_blend_as_in_the_twin(device, bodies):
-    rng = np.random.default_rng(1)
-    matrices, joint, weight = random_skin(rng, 5, 40, 7)
-    rest = rng.normal(0, 1, (bodies, 40, 3))
-    posed = poisoned((5, 40), wp.vec3, device)
-    body, joints = Body(), Joints()  # what skinning reads of them
-    body.rest = wp.array(rest, dtype=wp.vec3, device=device)
-    body.joint = wp.array(joint, dtype=wp.vec4i, device=device)
-    body.weight = wp.array(weight, dtype=wp.vec4, device=device)
-    joints.skin_matrix = wp.array(matrices, dtype=Affine, device=device)
-    skin(body, joints, posed)
-    ones = np.concatenate([np.broadcast_to(rest, (5, 40, 3)), np.ones((5, 40, 1))], axis=2)
-    expected = np.einsum("vi,cviab,cvb->cva", weight, matrices[:, joint], ones)
-    np.testing.assert_allclose(posed.numpy(), expected, rtol=0, atol=POSITION)
-
-
 def test_vertices_that_are_wanted_are_posed_in_one_go(device):
-    """By one kernel, joints and skin, with a body and a base for every candidate; other vertices stay as they were."""
+    """With a body and a base for every candidate, and any weights; other vertices stay as they were."""
+    rng = np.random.default_rng(2)
     body, base = synthetic_body(), synthetic_subject().root_base
     bodies = [body.shaped({"height_incr": w}, scale) for w, scale in ((0.0, 1.0), (0.8, 0.9), (-0.5, 1.2))]
     bases = [base @ reference.rotation(1, angle) for angle in (0.0, 1.0, -2.5)]
@@ -59,7 +36,13 @@ def test_vertices_that_are_wanted_are_posed_in_one_go(device):
     arrays.joint_rest.assign(np.stack([one.joint_rest for one in bodies]))
     arrays.rest.assign(np.stack([one.tracking.rest for one in bodies]))
     arrays.root_base.assign(np.stack(bases).astype(np.float32))
-    wanted = np.random.default_rng(2).permutation(len(body.tracking.rest))[:50]
+    weight = rng.dirichlet(np.full(4, 0.5), len(body.tracking.rest))
+    weight[::2, 2:] = 0.0  # two influences only
+    weight = -np.sort(-weight / weight.sum(1, keepdims=True), axis=1)
+    joint = rng.integers(0, 16, weight.shape)
+    arrays.joint.assign(joint.astype(np.int32))
+    arrays.weight.assign(weight.astype(np.float32))
+    wanted = rng.permutation(len(body.tracking.rest))[:50]
     posed = poisoned((3, len(body.tracking.rest)), wp.vec3, device)
     pose_vertices(
         arrays,
@@ -71,7 +54,8 @@ def test_vertices_that_are_wanted_are_posed_in_one_go(device):
     )
     found = posed.numpy()
     for c, (one, own_base, pose) in enumerate(zip(bodies, bases, poses, strict=True)):
-        expected = reference.skin(one.tracking, one, reference.joint_transforms(one, own_base, pose))
+        skin = replace(one.tracking, joint=joint, weight=weight)
+        expected = reference.skin(skin, one, reference.joint_transforms(one, own_base, pose))
         np.testing.assert_allclose(found[c, wanted], expected[wanted], rtol=0, atol=POSITION)
     assert np.isnan(np.delete(found, wanted, axis=1)).all()
 

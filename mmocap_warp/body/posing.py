@@ -87,8 +87,8 @@ class Poser:
         count = len(poses)
         joints = make_joint_arrays(count, len(self._full.parent), "cpu")
         posed = wp.empty((count, len(vertex)), dtype=wp.vec3, device="cpu")
-        given = (wp.array(each, dtype=of, device="cpu") for each, of in ((poses, wp.float32), (vertex, wp.int32)))
-        pose_vertices(self._full, *given, batch_of(0, count, count, "cpu"), joints, posed)
+        given, wanted = wp.array(poses, dtype=wp.float32, device="cpu"), wp.array(vertex, dtype=wp.int32, device="cpu")
+        pose_vertices(self._full, given, wanted, batch_of(0, count, count, "cpu"), joints, posed)
         return joints, posed
 
 

@@ -77,7 +77,7 @@ def with_evidence(result: Result, config: TrackConfig, observations: Iterable[Ob
         first += len(some)
         for frame, seen in zip(frames.tolist(), some, strict=True):
             if frame in looked:
-                areas.append([each.area for each in looks.of(result.pose[:, frame], seen)])
+                areas.append([each.area for each in looks.of(result.pose[:, frame], seen, shadows=False)])
         for run, course in enumerate(courses):
             root, neighbours = result.pose[run, frames, :TRANSLATION], Neighbours.of(course, frames, result.rate)
             shift[run, frames] = shifts.of(frames - frames[0], course[frames], root, neighbours)

@@ -238,9 +238,9 @@ class _MaskWindow:
             iou[part] = overlap(count, observation)
         return cost, iou
 
-    def uncovered(self, frame: int, poses: np.ndarray) -> list[Uncovered]:
-        """What poses (pose, coordinate) leave uncovered of a frame's masks."""
-        return self._uncovered.of(poses, self._held[frame % self._places])
+    def uncovered(self, frame: int, poses: np.ndarray, *, shadows: bool = True) -> list[Uncovered]:
+        """What poses (pose, coordinate) leave uncovered of a frame's masks; see :meth:`UncoveredArea.of`."""
+        return self._uncovered.of(poses, self._held[frame % self._places], shadows=shadows)
 
     def _observe(self, count: int) -> None:
         """Read so many frames into the places of the oldest ones, which follow each other."""
@@ -347,7 +347,8 @@ class _RunSmoother:
         level = np.nanmean(overlap[before[self._tracked[before]]], axis=1)
         falls = level[-1] < np.median(level) - _FALL
         if frame % self._look_interval == 0 or falls or frame == len(self.pose) - 1:
-            self._looks[frame] = self._masks.uncovered(frame, self.pose[frame : frame + 1])[0].area
+            (look,) = self._masks.uncovered(frame, self.pose[frame : frame + 1], shadows=False)
+            self._looks[frame] = look.area
 
     def parts_in_doubt(self) -> np.ndarray:
         """(frame, part) bool, once all windows are finished: parts that may be elsewhere; their deviations grow."""

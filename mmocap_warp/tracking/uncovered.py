@@ -34,6 +34,7 @@ _LEAST_AREA = 0.002  # less than that beside a body is noise of a mask [m^2]
 _LEAST_VIEWS = 4  # so many other views must be there for one of them to be allowed to disagree
 _FAULT_AREA = 0.003  # what one view alone shows counts where it is more than that: a mask may have such faults [m^2]
 _MOST_AREA = 0.12  # a view that leaves more than that uncovered shows somebody or something else [m^2]
+_SHADOW_HEIGHT = 0.08  # what is so near to the height of the body's lowest point may be its shadow on the floor [m]
 
 _LOOK_INTERVAL = 0.1  # seconds between the frames that are looked at for limbs that were lost
 _JUDGE_INTERVAL = 1 / 30  # seconds between the frames whose final poses are judged
@@ -71,7 +72,7 @@ class UncoveredArea:
         corner, share = _points_of_faces(mesh, _SPACING * size)
         part = np.array(body.skeleton.part)[mesh.heaviest_joint]
         self._near_part = np.concatenate([part, part[corner[:, 0]]])[::4]  # rays look for every fourth point
-        self._parts, self._size, self._cameras = len(body.skeleton.parts), size, len(rig)
+        self._parts, self._size, self._cameras, self._up = len(body.skeleton.parts), size, len(rig), rig.up_vector
         vertices, points, pixels = len(mesh.rest), len(mesh.rest) + len(corner), int(rig.size.prod(axis=1).max())
         # The body, posed.
         self._body = make_body_arrays(body, subject.root_base, mesh, device)
@@ -112,12 +113,12 @@ class UncoveredArea:
                 upload.send(self._cameras)
             self._seen = observation
 
-    def of(self, poses: np.ndarray, observation: Observation) -> list[Uncovered]:
-        """The area beside poses (n, coordinate), each by itself."""
+    def of(self, poses: np.ndarray, observation: Observation, *, shadows: bool = True) -> list[Uncovered]:
+        """The area beside poses (n, coordinate), each by itself; without ``shadows``, what may be one is left out."""
         self.observe(observation)
-        return [self._beside(pose) for pose in poses]
+        return [self._beside(pose, shadows) for pose in poses]
 
-    def _beside(self, pose: np.ndarray) -> Uncovered:
+    def _beside(self, pose: np.ndarray, shadows: bool) -> Uncovered:
         """The area beside a pose (coordinate,)."""
         if self._looks == MOST_LOOKS:
             self._look.mark.zero_()
@@ -140,6 +141,9 @@ class UncoveredArea:
             every = -(-count[k] // _MOST_RAYS)
             place, nearest, apart = (values[k, : -(-count[k] // every)] for values in of_rays)
             near = (nearest >= 0) & (apart < (_FAR * self._size) ** 2)
+            if not shadows:  # a shadow lies in one place of the floor, so that all views agree on it
+                floor = (self._look.posed.numpy()[0] @ self._up).min()
+                near &= np.abs(place @ self._up - floor) > _SHADOW_HEIGHT * self._size
             part = self._near_part[nearest[near]]
             if not len(part):
                 continue

@@ -10,7 +10,7 @@ import pytest
 from random_scenes import perfect_masks
 from synthetic import ring_rig, synthetic_subject
 
-from mmocap_warp.body.posing import joint_positions
+from mmocap_warp.body.posing import Poser, joint_positions
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.uncovered import Uncovered, UncoveredArea, is_usual, look_interval, parts_in_doubt
@@ -29,21 +29,25 @@ def masks() -> list[np.ndarray]:
     return [mask.copy() for mask in perfect_masks(SUBJECT, RIG, SUBJECT.pose)]
 
 
-def beside(seen: list[np.ndarray]) -> Uncovered:
-    return area_finder().of(SUBJECT.pose[None], Observation.from_masks(seen))[0]
+def beside(seen: list[np.ndarray], *, shadows: bool = True) -> Uncovered:
+    return area_finder().of(SUBJECT.pose[None], Observation.from_masks(seen), shadows=shadows)[0]
 
 
 def with_cube(side: float, views: tuple[int, ...] = (0, 1, 2, 3)) -> tuple[list[np.ndarray], np.ndarray]:
     """The body's masks with a cube over its head in some views, and the cube's middle."""
     head = joint_positions(SUBJECT, SUBJECT.pose[None])[0, SKELETON.index("Neck")]
     middle = head + np.array([0.0, 0.45 + side / 2, 0.0])
-    corners = middle + side * (np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3))
+    return with_box(middle, np.full(3, side), views), middle
+
+
+def with_box(middle: np.ndarray, sides: np.ndarray, views: tuple[int, ...] = (0, 1, 2, 3)) -> list[np.ndarray]:
+    corners = middle + sides * (np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3))
     seen = masks()
     for k in views:
         drawn = seen[k].astype(np.uint8)
         cv2.fillConvexPoly(drawn, cv2.convexHull(project(RIG, corners)[k].round().astype(np.int32)), 1)
         seen[k] = drawn.astype(bool)
-    return seen, middle
+    return seen
 
 
 def test_a_body_leaves_nothing_of_its_own_masks_uncovered() -> None:
@@ -75,6 +79,16 @@ def test_a_view_that_shows_more_than_limbs_beside_the_body_shows_somebody_else(s
 
 def test_what_one_view_alone_shows_may_be_a_fault_of_its_mask() -> None:
     assert not beside(with_cube(0.25, views=(1,))[0]).area.any()
+
+
+@pytest.mark.parametrize(("height", "is_shadow"), [(0.0, True), (0.15, False)])
+def test_what_lies_flat_on_the_floor_may_be_a_shadow(height: float, is_shadow: bool) -> None:
+    """The floor is where the body is lowest."""
+    vertices = Poser(SUBJECT.body, SUBJECT.root_base).tracking_vertices(SUBJECT.pose)[0]
+    place = np.array([vertices[:, 0].mean() + 0.35, vertices[:, 1].min() + height, vertices[:, 2].mean()])
+    seen = with_box(place, np.array([0.2, 0.01, 0.2]))
+    assert beside(seen).area.sum() > 0.003
+    assert beside(seen, shadows=False).area.any() != is_shadow
 
 
 def test_looks_beyond_those_that_marks_can_tell_apart_find_the_same(monkeypatch) -> None:

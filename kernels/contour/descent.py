@@ -158,36 +158,17 @@ def _set_up(
     sync()
 
 
-@wp.func
-def _factor_serially(n: int, system: wp.array2d[wp.float32]) -> None:
-    """Cholesky's L in place of the matrix; the row below becomes ``L^-1`` times what it was.
-
-    A column after the other is taken off all that is right of it, because compilers turn rows into vectors. The
-    diagonal goes into the last column.
-    """
-    for p in range(n):
-        pivot = wp.sqrt(wp.max(system[p, p], 1.0e-12))
-        system[p, n] = pivot
-        for i in range(p + 1, n + 1):
-            system[i, p] = system[i, p] / pivot
-        for i in range(p + 1, n + 1):
-            factor = system[i, p]
-            if factor != 0.0:
-                for j in range(p + 1, wp.min(i + 1, n)):
-                    system[i, j] -= factor * system[j, p]
-
-
 @wp.func_native(_native("product"))
 def _product(a: float, b: float) -> float:
     """Rounded before it is taken off anything, on a GPU as on the CPU."""
-    ...
 
 
 @wp.func
-def _factor_together(n: int, system: wp.array2d[wp.float32], lane: int, lanes: int) -> None:
-    """The same sums in the same order: all that is left of it is taken off a column, by a lane for each row.
+def _factor(n: int, system: wp.array2d[wp.float32], lane: int, lanes: int) -> None:
+    """Cholesky's L in place of the matrix; the row below becomes ``L^-1`` times what it was.
 
-    To write each element as often as a column is taken off it took a GPU four times as long.
+    All that is left of it is taken off a column, by a lane for each row: to write each element as often as a column is
+    taken off it took a GPU four times as long. The diagonal goes into the last column.
     """
     for p in range(n):
         for i in range(p + lane, n + 1, lanes):
@@ -237,10 +218,7 @@ def _descend(
         system = matrix_at(words, 0, n + 1, n + 1 + n % 2)  # an odd length of rows puts a column into all banks
         layout = lane_layout(lane, lanes, _TILE)
         _set_up(descent, c, system, layout, lane, lanes)
-        if lanes == 1:
-            _factor_serially(n, system)
-        else:
-            _factor_together(n, system, lane, lanes)
+        _factor(n, system, lane, lanes)
         _way_back(n, system, lane, lanes)
         longest = float(0.0)
         for i in range(n):

@@ -57,7 +57,6 @@ class _View:
 @wp.func_native(_native("bounds"))
 def _bounds(word: wp.array4d[wp.uint32], f: int, k: int, lane: int, lanes: int) -> wp.vec4i:
     """The first column and row with foreground and the last ones, of a lane's share of a mask."""
-    ...
 
 
 @wp.kernel
@@ -164,7 +163,6 @@ def _unpack(
     first: int,
 ) -> None:
     """Pixels from x on; beyond the image the row goes on as at its ends."""
-    ...
 
 
 # For every pixel all distances d are tried from far to near, without a branch: a pixel at d on either side that differs
@@ -172,7 +170,6 @@ def _unpack(
 @wp.func_native(_native("search_rows", FARTHEST_SQUARED=FARTHEST**2, MOST_STEPS=FARTHEST - 1))
 def _search_rows(inside: wp.array[wp.uint8], first: int, count: int, across: wp.array[wp.uint8]) -> None:
     """Squares of the distances to the other side along the row."""
-    ...
 
 
 # Of the pixels above and below, d rows away, each knows its own squared distance along its row, or zero if it is on the
@@ -188,7 +185,6 @@ def _search_columns(
     rough: wp.array[wp.float32],
 ) -> None:
     """Signed distances to the other side."""
-    ...
 
 
 # The weights are those of a normal distribution at 0, 1 and 2 px, made to add up to one, first along the row, then
@@ -198,7 +194,6 @@ def _blur(
     rough: wp.array[wp.float32], centre: int, first: int, count: int, width: int, value: wp.array[wp.float32]
 ) -> None:
     """By a normal distribution of 1 px within two pixels."""
-    ...
 
 
 @wp.kernel

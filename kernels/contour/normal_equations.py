@@ -48,7 +48,6 @@ def _sum_serially(
     at: int,
 ) -> None:
     """A row after the other, each added to the whole triangle: in plain C, because compilers turn it into vectors."""
-    ...
 
 
 # ``sum += w z z^T`` by the lanes of a GPU's block:
@@ -76,7 +75,6 @@ def _sum_together(
 
     Rows that do not count are zeros there, whatever they hold.
     """
-    ...
 
 
 @wp.kernel

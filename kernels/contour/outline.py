@@ -75,7 +75,6 @@ def _project(
 
     Plain C, as below, because addresses in arrays of many axes would take most of the time.
     """
-    ...
 
 
 @wp.func
@@ -112,7 +111,6 @@ def _band_of(y: float, height: int) -> int:
 @wp.func_native(_native("turns_around"))
 def _turns_around(line: wp.array[wp.float32], first: int, room: int, begin: int, end: int, x: float, y: float) -> int:
     """How often contours wind around a point."""
-    ...
 
 
 @wp.func
@@ -138,13 +136,11 @@ def on_outline(outline: Outline, c: int, k: int, image: wp.vec2i, rim: float) ->
 
     Edges of no length, and those within the ``rim`` [px] of an ``image`` of some size, do not pass.
     """
-    ...
 
 
 @wp.func_native(_native("face_camera"))
 def _face_camera(face: wp.array[wp.vec3i], outline: Outline, c: int, k: int, lane: int, lanes: int) -> None:
     """Which triangles of a view face the camera: their area in the image is negative, because y goes down."""
-    ...
 
 
 # An edge is written before it is known whether it belongs to the contour, and overwritten by the next one if it does
@@ -153,7 +149,6 @@ def _face_camera(face: wp.array[wp.vec3i], outline: Outline, c: int, k: int, lan
 @wp.func_native(_native("find_share"))
 def _find_share(edge: wp.array[wp.vec4i], outline: Outline, c: int, k: int, first: int, end: int) -> int:
     """Find the contour edges among a lane's share of all; those whose left triangle is hidden as ``-1 - edge``."""
-    ...
 
 
 @wp.func
@@ -231,7 +226,6 @@ def _sort_lines(
 @wp.func_native(_native("sort_lines", BANDS=BANDS))
 def _sort_lines_alone(outline: Outline, c: int, k: int, count: int, height: int) -> None:
     """As :func:`_sort_lines`, by the one lane of a CPU's block."""
-    ...
 
 
 @wp.kernel

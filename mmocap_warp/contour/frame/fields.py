@@ -61,11 +61,6 @@ class DistanceFields:
         self._boxes = wp.zeros(view, dtype=wp.vec4i, device=self._device)
         self._replays = Replays(self._device)
 
-    @property
-    def seen(self) -> np.ndarray:
-        """(frame, camera) bool: the views that show anybody."""
-        return np.asarray(self.struct.box.numpy()[..., 2] > 0)
-
     def observe(self, observations: Sequence[Observation], first: int = 0) -> None:
         """Compute the fields of frames into as many places, from ``first`` on; on a GPU many frames at a time."""
         together = _TOGETHER if wp.get_device(self._device).is_cuda else 1

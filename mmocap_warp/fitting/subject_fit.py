@@ -3,7 +3,7 @@
 1. The visual hull gives the place and the size.
 2. Several headings, evenly spread, are each fitted by a short search over pose, shape and scale together. A body
    that need not stand as in its bind pose, such as a hand or a robot, is turned and bent in many ways instead, and the
-   best of these are fitted.
+   best of these are fitted. So is a person whom no heading fits: somebody who lies.
 3. Contours take each to the bottom of its basin, body included. The limbs of the best few are drawn at random
    until nothing is gained.
 4. The first seconds of the clip, and later ones of a long clip, are followed by contours. Some of their frames are
@@ -70,6 +70,9 @@ _MOST_PARTS, _PART_SECONDS, _SPAN_SECONDS = 3, 4.0, 24.0  # at most 3, of 4 s ea
 _FAILED = 1.5  # a part that costs so many times as much as the first was not followed
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
 
+
+MAX_COST = 0.12
+"""A first frame's fit that costs more has gone wrong: sound ones .035 to .105, standing on who lies on the back .18."""
 
 _cost = attrgetter("cost")
 
@@ -142,6 +145,10 @@ def fit_clip(
     observations = iter(observations)
     first = next(observations)
     best, others = _first_frame(task, first)
+    if best.cost > MAX_COST and task.lying:
+        lying, others_lying = _first_frame(task.lying, first)
+        if lying.cost < best.cost - _CLEAR_MARGIN:
+            best, others = lying, others_lying
     verdict = _verdict(best, others)
     margin = min(_CLEAR_MARGIN, _CLEAR_SHARE * best.cost) if task.body_is_given else _CLEAR_MARGIN
     close = [other for other in others.values() if other.cost < best.cost + margin]
@@ -205,6 +212,15 @@ class _Task:
         generic, rigid = self.generic, self.config.rigid
         skeleton = generic.skeleton.with_free_root() if generic.skeleton.root_is_fixed else generic.skeleton
         return replace(generic, skeleton=skeleton, rigid=generic.rigid if rigid is None else rigid)
+
+    @property
+    def lying(self) -> _Task | None:
+        """The task for a body that lies any way up; None where that is known, or has been searched."""
+        skeleton = self.generic.skeleton
+        if self.generic.rigid or not skeleton.stands or self.start_poses is not None:
+            return None
+        generic = replace(self.generic, skeleton=replace(skeleton, stands=False))
+        return replace(self, generic=generic, progress=lambda stage, done, cost: None)
 
     @property
     def expected(self) -> BodyModel:

@@ -12,7 +12,8 @@ from person_skeleton import JOINTS
 from random_scenes import perfect_masks
 from synthetic import ring_rig, synthetic_body, synthetic_poses, synthetic_subject
 
-from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import Poser, joint_positions
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.cameras.rig import CameraRig
@@ -159,6 +160,42 @@ def test_an_empty_first_frame_is_wrong_input(walk, man, monkeypatch):
     monkeypatch.setattr(type(walk), "observations", lambda self, *a, **k: iter([nothing]))
     with pytest.raises(InputError, match="frame 0"):
         fit(walk, man, QUICK)
+
+
+@pytest.mark.parametrize(("standing", "lying", "lies"), [(0.13, 0.06, True), (0.13, 0.11, False), (0.11, 0.02, False)])
+def test_who_does_not_stand_is_searched_with_any_side_up(man, standing, lying, lies, monkeypatch):
+    """Where a standing body fits badly; the other must fit clearly better."""
+    guess = Guess(np.zeros(len(RestSpace(man).names)), np.eye(3), np.zeros(51))
+
+    def first_frame(task: _Task, observation: object) -> tuple[Guess, dict[str, Guess]]:
+        stands = task.body.skeleton.stands
+        return replace(guess, pose=np.full(51, not stands), cost=standing if stands else lying), {}
+
+    def in_clip(task: _Task, clip: object, fps: float, subjects: list[Subject]) -> list[InClip]:
+        return [InClip(each, 0.0, np.zeros((8, 1, 3)), None) for each in subjects]
+
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit._first_frame", first_frame)
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit._with_clip_bodies", in_clip)
+    subject = fit_clip(man, None, 30.0, [None], QUICK)
+    assert bool(subject.pose[0]) is lies
+    assert subject.body.skeleton.stands
+    known = fit_clip(man, None, 30.0, [None], QUICK, start_poses=np.zeros((1, 51)))
+    assert not known.pose.any()  # how it starts is said
+
+
+@pytest.mark.nightly
+def test_who_lies_on_the_back_is_found(man):
+    rig, pose = ring_rig(4, (320, 240)), np.zeros(51)
+    subject = Subject(man, upright_base("+y"), pose, {})
+    pose[[1, 3]] = 0.12, -np.pi / 2
+    pose[man.skeleton.angles("LShoulder")] = [0.0, 0.0, 0.8]
+    for side in "LR":
+        pose[man.skeleton.angles(f"{side}Hip")] = [-0.7, 0.0, 0.0]
+        pose[man.skeleton.angles(f"{side}Knee")] = [1.2, 0.0, 0.0]
+    found = fit_clip(man, rig, 30.0, [Observation.from_masks(perfect_masks(subject, rig, pose))], FitConfig(frames=1))
+    assert found.provenance["fit.cost"] < 0.03
+    places = [joint_positions(each, at[None])[0] for each, at in ((subject, pose), (found, found.pose))]
+    assert np.linalg.norm(places[0] - places[1], axis=1).max() < 0.03
 
 
 class PlannedFrame:

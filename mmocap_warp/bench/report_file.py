@@ -171,7 +171,7 @@ def write_report(path: Path, report: dict[str, Any]) -> None:
 def read_report(path: Path) -> dict[str, Any]:
     """Read a report; an InputError if there is none, or of another version."""
     report = read_json(path, "name a file that 'mmocap bench -o' wrote")
-    if report.get("format") != FORMAT:
+    if report.get("format") != FORMAT or not report.get("measurements"):
         raise InputError(path, "is no report of this version", "write one with 'mmocap bench -o'")
     return report
 

@@ -60,6 +60,7 @@ _FIGURES = [name for name in _COLUMNS if name not in ("frames", "trusted")]  # o
 _MPS = Path(os.environ.get("CUDA_MPS_PIPE_DIRECTORY", "/tmp/nvidia-mps"), "nvidia-cuda-mps-control.pid")  # if it runs
 _MANY = 64  # of more scenes than this, several are read at once
 _THUMBNAIL = 320  # longer side [px]
+_EXPORTS = {*EXPORT_SUFFIXES} - {".usdc"}  # a result has this name already
 
 _MASK = make_dataclass("_MASK", [("scale", float, 1.0), ("consistent", bool, False), ("with_", str, "")])
 _CONFIGS: dict[str, Any] = {"mask": _MASK, "fit": FitConfig, "track": TrackConfig}
@@ -289,7 +290,7 @@ def _steps(text: str) -> tuple[str, ...]:
     """The steps in their order."""
     named = dict.fromkeys(step.strip() for step in text.split(","))
     named |= {"fit": None} if "track" in named else {}  # as far as it is needed
-    exports = [step for step in named if step.startswith("export:") and f".{step[7:]}" in EXPORT_SUFFIXES]
+    exports = [step for step in named if step.startswith("export:") and f".{step[7:]}" in _EXPORTS]
     if wrong := [step for step in named if step not in (*STEPS, *exports)]:
         raise UsageError(f"--steps must be of {', '.join(STEPS)} and export:ENDING, got '{wrong[0]}'")
     if "track" not in named and named.keys() - {"mask", "fit"}:
@@ -305,6 +306,8 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
     elif source.is_dir():
         found = sorted(Path(place, "scene.toml") for place, _, files in walk(source.resolve()) if "scene.toml" in files)
         given = [file for file in found if output.resolve() not in file.resolve().parents]
+        if found and not given:
+            raise InputError(output, "holds all the scenes, and would hold results as well", "name another output")
         # What lies within a scene's folder was made of it, such as its masks.
         around = {file.parent for file in given}
         given = [file for file in given if around.isdisjoint(file.parent.parents)]

@@ -1,5 +1,6 @@
 """Cameras from a board that is moved about, and the board to print: ``mmocap calib board`` and ``print-board``."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -110,8 +111,9 @@ def _sources(videos: Sequence[Path]) -> dict[str, tuple[Frames, CameraSource | N
                 raise InputError(videos[0], f"camera '{source.name}' has no video", "name the board's under [cameras]")
             opened[source.name] = source.video, source
         return opened
+    stems = Counter(video.stem for video in videos)
     for video in videos:
-        name = video.stem if video.stem not in opened else video.resolve().parent.name
+        name = video.stem if stems[video.stem] == 1 else video.resolve().parent.name
         if name in opened:
             raise InputError(video, f"is a second video of a camera '{name}'", "give the files names of their own")
         opened[name] = open_frames(video), None

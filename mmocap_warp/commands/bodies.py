@@ -152,6 +152,9 @@ def _read_rigged(file: Path, meshes: Path | None, character: str | None, blender
         raise InputError(file, "no such file", "check the path")
     if file.suffix.lower() not in readers:
         raise InputError(file, "is of a kind that is not read", f"give a file that ends in {', '.join(readers)}")
+    kind = file.suffix.lower()
+    if (meshes and kind not in (".urdf", ".xml")) or (character and kind == ".urdf"):
+        raise UsageError(f"{'--meshes' if meshes else '--character'} has no use for a {kind} file")
     return readers[file.suffix.lower()](file)
 
 

@@ -59,6 +59,7 @@ def evaluate(
     tracked, path = result_from(result)
     tracked = tracked.at(positions_of(tracked, frames))
     named_by, file, recorded = "scene" if truth is None and truth_axes is None else "truth", None, None
+    axes_are_given = truth_axes is not None
     if truth is None and (recorded := scene_of(tracked, path, scene, reporter)) is not None:
         check_same_recording(tracked, recorded)
         recorded = replace(recorded, truth_axes=truth_axes or recorded.truth_axes)
@@ -68,6 +69,8 @@ def evaluate(
     elif isinstance(truth, str | Path):
         file = Path(truth)
         truth = load_truth(file, truth_axes or "xyz")
+    if axes_are_given and truth is None:
+        raise UsageError("--truth-axes are of a truth, and there is none: name its file with --truth")
     start_warp()
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     report, fault = _judged(tracked, truth, file, truth_axes or "xyz", named_by, points)

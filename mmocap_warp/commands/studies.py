@@ -85,8 +85,6 @@ def run_study(
     loaded = study if isinstance(study, Study) else load_study(Path(study))
     if engine == "local" and (workers is not None or gpus != 1.0 or address != "auto"):
         raise UsageError("--workers, --gpus and --address need --engine ray; here --device cpu,cpu is two workers")
-    if engine == "ray" and (device != "auto" or threads is not None):
-        raise UsageError("--device and --threads are of this machine, and cannot be given with --engine ray")
     if poses not in ("all", "typical"):
         raise UsageError(f"--poses must be all or typical, got '{poses}'")
     seconds = seconds_of(minutes)

@@ -191,7 +191,7 @@ class _Vmc:
     def __init__(self, address: str, host: str, port: int, subject: Subject, up: str) -> None:
         client = _package(address, "pythonosc.udp_client", "python-osc")
         with input_errors(address, "cannot be opened ({error})", "choose another host", OSError):
-            self._client = client.SimpleUDPClient(host, port)
+            self._client = client.SimpleUDPClient(host, port, allow_broadcast=True)
         skeleton = subject.body.skeleton
         with input_errors(address, "{error}", "VMC is for people: send to another address", ValueError):
             rig_names(subject.body, "unity")
@@ -210,12 +210,13 @@ class _Vmc:
         place[0], own[0] = self._upright @ packet.world[0, :3, 3], turned[0]
         values = np.concatenate([place, quaternions(own)], axis=1) * [-1, 1, 1, 1, -1, -1, 1]  # x is mirrored
         send = self._client.send_message
-        send("/mmocap/frame", [packet.answer.number, str(packet.time)])
-        send("/VMC/Ext/Root/Pos", ["root", *(0.0,) * 6, 1.0])
-        for joint, name in self._bones:
-            send("/VMC/Ext/Bone/Pos", [name, *values[joint].tolist()])
-        send("/VMC/Ext/OK", 1)
-        send("/VMC/Ext/T", packet.time - self._begin)
+        with suppress(OSError):  # the network may be away for a while
+            send("/mmocap/frame", [packet.answer.number, str(packet.time)])
+            send("/VMC/Ext/Root/Pos", ["root", *(0.0,) * 6, 1.0])
+            for joint, name in self._bones:
+                send("/VMC/Ext/Bone/Pos", [name, *values[joint].tolist()])
+            send("/VMC/Ext/OK", 1)
+            send("/VMC/Ext/T", packet.time - self._begin)
 
     def close(self) -> None:
         pass

@@ -253,7 +253,7 @@ def _by_budget(study: StudySummary, dof: int, value_of: Callable[[Contender], fl
     high = max(known)
     low = min(known) - 0.1 * (high - min(known)) if high <= 1.0 else 0.0
     y = chart.axis(low, high * 1.04, bottom, _TOP)
-    x = chart.Axis(0.0, study.budgets[-1] * 1.04, _LEFT, width - _RIGHT, tuple(study.budgets))
+    x = chart.Axis(0.0, study.budgets[-1] * 1.04 or 1.0, _LEFT, width - _RIGHT, tuple(study.budgets))
     curves = (_marked(name, chart.curve(x, y, of) + chart.dots(x, y, of)) for name, of in reversed(points.items()))
     return chart.figure((width, height), label, [chart.axes(x, y, "evaluations per frame", unit), *curves])
 

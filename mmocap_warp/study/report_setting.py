@@ -187,9 +187,10 @@ def pace_of(study: StudySummary) -> tuple[float, float, str]:
     for cell in timed:
         start = datetime.fromisoformat(cell.meta["started"]).timestamp()
         by_host.setdefault(str(cell.meta.get("host")), []).append((start, start + cell.meta["wall_seconds"]))
-    if not timed:
+    evaluations = sum(cell.evaluations for cell in timed)
+    if not evaluations:  # contours are followed without a search
         return np.nan, np.nan, device
-    rate = sum(cell.evaluations for cell in timed) / sum(_covered(spans) for spans in by_host.values())
+    rate = evaluations / sum(_covered(spans) for spans in by_host.values())
     workers = max(_most_at_once(spans) for spans in by_host.values())
     where = device if workers <= 1 else f"{device}, {workers} workers at a time"
     return float(rate), float(paper.GRID_EVALUATIONS / rate / 3600), where

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import re
-import shutil
 import time
 import zipfile
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ from mmocap_warp.study.definition import Plan, Study
 from mmocap_warp.study.job import Job, code_of
 from mmocap_warp.study.source import clip_facts, shipped_bodies
 from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.whole_file import write_whole
 
 _KEY_DIGITS = 20  # of 64; in a folder of a million results two keys are alike with a chance of 4e-13
 _ABANDONED = 60.0  # a file that has been half written for so long will not be finished [s]
@@ -145,7 +145,7 @@ def keep_earlier_cells(
             continue
         for task, file in cells:
             if not task.path.exists():
-                shutil.copyfile(file, task.path)
+                write_whole(task.path, file.read_bytes())
         note(f"{algorithm}: {len(same)} cells have the same bits now; {len(cells) - len(same)} more are kept")
 
 

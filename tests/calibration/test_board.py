@@ -168,6 +168,12 @@ def test_one_camera_is_no_rig(tmp_path: Path) -> None:
             boards.calibrate_board(tmp_path / "scene.toml", "charuco:5x7:80mm")
 
 
+def test_videos_of_one_name_are_called_by_their_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(boards, "open_frames", str)
+    videos = [tmp_path / name for name in ("cam1/board.mp4", "cam2/board.mp4", "cam3/other.mp4")]
+    assert [*boards._sources(videos)] == ["cam1", "cam2", "other"]
+
+
 def test_a_walk_that_shows_no_floor_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     def unsolvable(**_) -> None:
         raise UnsolvableError("the walk does not show the floor")

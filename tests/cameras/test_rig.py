@@ -287,6 +287,7 @@ WRONG_FILES = {
     "NaN in TOML": ("calib.toml", GOOD_CAMERA.replace("0.3]", "nan]"), r"rotation holds a value that is not finite"),
     "no XML": ("rig.qca.txt", "serial=cam01", r"is not valid XML: .*line 1"),
     "entities": ("rig.qca.txt", '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', r"is not valid XML: Entit"),
+    "no encoding": ("rig.qca.txt", '<?xml version="1.0" encoding="foo"?><a/>', r"is not valid XML: unknown encoding"),
     "no transform": ("rig.qca.txt", GOOD_XML.replace("transform", "t"), r"<transform r11=...> is missing"),
     "a word": ("rig.qca.txt", GOOD_XML.replace('skew="0"', 'skew="no"'), r"skew = 'no' is not a number"),
     "no extri.yml": ("intri.yml", "%YAML:1.0\n---\nnames: []\n", r"extri.yml: no such file"),

@@ -318,6 +318,8 @@ def test_scenes_are_named_from_the_folder_that_was_given(made, here, tmp_path):
     [
         ({"steps": "dance"}, mm.UsageError, "steps must be of mask, fit, .* and export:ENDING, got 'dance'"),
         ({"steps": "mask,view"}, mm.UsageError, "steps needs track"),
+        ({"steps": "track,export:usdc"}, mm.UsageError, "export:ENDING, got 'export:usdc'"),
+        ({"engine": "ray", "device": "cpu"}, mm.UsageError, "cannot be given with engine ray"),
         ({"workers": 0}, mm.UsageError, "workers must be at least 1"),
         ({"minutes": 0.0}, mm.UsageError, "minutes must be positive, got 0"),
         ({"engine": "cloud"}, mm.UsageError, "engine must be local or ray"),
@@ -349,6 +351,11 @@ def test_wrong_arguments_are_told_before_anything_is_written(given, error, told,
     with pytest.raises(error, match=told):
         mm.batch(output=tmp_path / "out", **given)
     assert not (tmp_path / "out").exists()
+
+
+def test_results_are_not_written_among_the_scenes(made):
+    with pytest.raises(mm.InputError, match=r"holds all the scenes.*name another output"):
+        mm.batch(made, output=made)
 
 
 def test_files_of_others_are_left_alone(made, here, tmp_path):

@@ -122,6 +122,11 @@ def test_who_is_tracked_is_not_said_twice(folder):
         scene_from(load_scene(folder), identity=1)
 
 
+def test_people_without_a_table_each_are_told(folder):
+    with pytest.raises(InputError, match=r"\[people\].*'anna'"):
+        scene_with(folder, "[people]\nanna = 1\n")
+
+
 def test_a_result_finds_its_person_again(folder):
     scene = scene_with(folder, PEOPLE)
     ben = scene_from(scene, person="ben")

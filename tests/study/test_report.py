@@ -159,6 +159,14 @@ def test_any_grid_has_a_page(grid):
     assert csv_table(study)
 
 
+def test_a_study_of_contours_alone_has_a_page():
+    """Nothing is evaluated."""
+    cell = Cell("S1/Box", "de", 39, 500)
+    results = [made_up_result(cell, 2, 10)]
+    results = [replace(one, cell=replace(cell, algorithm="contour", evaluations=0)) for one in results]
+    assert Page(render(StudySummary.of(results), {})).all("table")
+
+
 def test_without_truth_fitness_decides():
     study = StudySummary.of(made_up_study(SEQUENCES[:2], budgets=(500,), seeds=2, frames=12, truth=False))
     assert [measure.key for measure in study.measures] == ["cost", "iou", "shake", "jerk", "foot_slide"]

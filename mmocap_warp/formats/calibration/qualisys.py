@@ -26,7 +26,7 @@ def read_qualisys(path: str | Path, units: str | None = None, up: str = "+z", si
     ``R = diag(1, -1, -1) [[r11 r12 r13] ..]`` and ``x_cam = R (X - position / 1000)``.
     """
     data = read_bytes(path, "give a .qca.txt file", most=MOST_BYTES)
-    kinds = ParseError, DefusedXmlException, ValueError
+    kinds = ParseError, DefusedXmlException, ValueError, LookupError
     with input_errors(path, "is not valid XML: {error}", "export the calibration again", *kinds):
         root = fromstring(data)
     return rig_of([_read_camera(camera, path) for camera in root.iter("camera")], up, path)

@@ -101,7 +101,7 @@ def write_mot(result: Result, path: Path, joint_set: JointSet | None = None) -> 
     else:
         angles = measure(evenly(result), result.best_run, joint_set=joint_set).shown.angles
         own = [(f"{joint}_{name}", each) for joint, by_name in angles.items() for name, each in by_name.items()]
-        names, values = zip(*own, strict=True)
+        names, values = tuple(name for name, _ in own), np.array([each for _, each in own])
     rows = ["\t".join(f"{value:.6f}" for value in row) for row in np.column_stack([tracks.time, *values])]
     head = [path.stem, "version=1", f"nRows={len(rows)}", f"nColumns={1 + len(names)}", "inDegrees=yes", "endheader"]
     write_whole(path, "\n".join([*head, "\t".join(["time", *names]).replace(".", "_"), *rows, ""]).encode())

@@ -56,7 +56,9 @@ def read_joints_file(path: str | Path) -> GivenJoints:
     table = load_toml(path)
     root = table.take_choice("root", ("free", "fixed"), None)
     rigid, stands = (table.take(key, bool, None) for key in ("rigid", "stands"))
-    joints = {name: _read_joint(entry) for name, entry in table.take_table("joints").take_tables().items()}
+    by_joint = table.take_table("joints")
+    joints = {name: _read_joint(entry) for name, entry in by_joint.take_tables().items()}
+    by_joint.finish()
     table.finish()
     return GivenJoints(str(path), None if root is None else root == "fixed", rigid, stands, joints)
 

@@ -189,6 +189,7 @@ def test_a_joints_file_takes_the_place_of_what_is_derived(tmp_path: Path, creatu
         ("[joints.head]\nx = [3, 1]\n", "upside down"),
         ("[joints.head]\nhinge = [0, 0, 0]\n", "no direction"),
         ("[joints.head]\nlimit = 3\n", "unknown key"),
+        ("[joints]\nrigid = true\n", "unknown key 'rigid'"),
         ('root = "loose"\n', "is not known"),
         ("rigid = 1\n", "rigid"),
     ],

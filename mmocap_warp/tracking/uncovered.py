@@ -130,6 +130,8 @@ class UncoveredArea:
         scale, step, count, *of_rays = self._answers.read(self._cameras)
         pixel = (step / np.where(step > 0, scale, np.inf)) ** 2  # the area of a cell [m^2]
         counts = np.flatnonzero((step > 0) & (count * pixel <= _MOST_AREA * self._size**2)).tolist()
+        # A shadow lies in one place of the floor, so that all views agree on it.
+        floor = np.nan if shadows else (self._look.posed.numpy()[0] @ self._up).min()
 
         # What is beside the body in each view, as far as the other views agree, near the body. Views with less than the
         # two that show most do not decide.
@@ -141,9 +143,7 @@ class UncoveredArea:
             every = -(-count[k] // _MOST_RAYS)
             place, nearest, apart = (values[k, : -(-count[k] // every)] for values in of_rays)
             near = (nearest >= 0) & (apart < (_FAR * self._size) ** 2)
-            if not shadows:  # a shadow lies in one place of the floor, so that all views agree on it
-                floor = (self._look.posed.numpy()[0] @ self._up).min()
-                near &= np.abs(place @ self._up - floor) > _SHADOW_HEIGHT * self._size
+            near &= ~(np.abs(place @ self._up - floor) <= _SHADOW_HEIGHT * self._size)
             part = self._near_part[nearest[near]]
             if not len(part):
                 continue

@@ -59,7 +59,7 @@ def _write_report(folder: Path) -> None:
     from mmocap_warp.bench.report_file import FORMAT
 
     lines = [{"name": "pose", "ms": 1.5, "ok": True, "sizes": [1, 2]}]
-    (folder / "bench.json").write_text(json.dumps({"format": FORMAT, "ok": True, "device": "cpu", "stages": lines}))
+    (folder / "bench.json").write_text(json.dumps({"format": FORMAT, "ok": True, "device": "cpu", "measurements": lines}))
 
 
 def _read_report(folder: Path) -> None:

@@ -59,7 +59,8 @@ def _write_report(folder: Path) -> None:
     from mmocap_warp.bench.report_file import FORMAT
 
     lines = [{"name": "pose", "ms": 1.5, "ok": True, "sizes": [1, 2]}]
-    (folder / "bench.json").write_text(json.dumps({"format": FORMAT, "ok": True, "device": "cpu", "measurements": lines}))
+    report = {"format": FORMAT, "ok": True, "device": "cpu", "measurements": lines}
+    (folder / "bench.json").write_text(json.dumps(report))
 
 
 def _read_report(folder: Path) -> None:

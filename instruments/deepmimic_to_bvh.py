@@ -55,7 +55,7 @@ def bvh_of_deepmimic(path: Path) -> str:
         own = values[:, column : column + width]
         column += width
         if width == 4:
-            angles.append(Rotation.from_quat(own, scalar_first=True).as_euler("ZYX", degrees=True))
+            angles.append(Rotation.from_quat(own[:, [1, 2, 3, 0]]).as_euler("ZYX", degrees=True))
         else:
             about_z = own[:, 0] if width else np.zeros(len(values))
             angles.append(np.stack([np.degrees(about_z), *np.zeros((2, len(values)))], axis=1))

@@ -63,7 +63,8 @@ def random_masks(sizes: np.ndarray, seed: int = 0) -> list[np.ndarray]:
 
 def posed_vertices(body: BodyModel, root_base: np.ndarray, poses: np.ndarray, device: str) -> wp.array:
     """(candidate, tracking vertex) vec3 by the kernels [m]."""
-    arrays, joints = make_body_arrays(body, root_base, body.tracking, device), poisoned_joints(len(poses), 16, device)
+    arrays = make_body_arrays(body, root_base, body.tracking, device)
+    joints = poisoned_joints(len(poses), len(body.skeleton.parent), device)
     posed = poisoned((len(poses), len(body.tracking.rest)), wp.vec3, device)
     vertex = wp.array(np.arange(posed.shape[1]), dtype=wp.int32, device=device)
     batch = batch_of(0, len(poses), len(poses), device)

@@ -60,7 +60,6 @@ _FIGURES = [name for name in _COLUMNS if name not in ("frames", "trusted")]  # o
 _MPS = Path(os.environ.get("CUDA_MPS_PIPE_DIRECTORY", "/tmp/nvidia-mps"), "nvidia-cuda-mps-control.pid")  # if it runs
 _MANY = 64  # of more scenes than this, several are read at once
 _THUMBNAIL = 320  # longer side [px]
-_EXPORTS = {*EXPORT_SUFFIXES} - {".usdc"}  # a result has this name already
 
 _MASK = make_dataclass("_MASK", [("scale", float, 1.0), ("consistent", bool, False), ("with_", str, "")])
 _CONFIGS: dict[str, Any] = {"mask": _MASK, "fit": FitConfig, "track": TrackConfig}
@@ -101,11 +100,14 @@ class TrialTask(Task):
         write_whole(self.path, json.dumps(result, indent=1, allow_nan=False).encode())
 
 
-class _Notes(list[str], Reporter):
+class _Notes(Reporter):
     """Keeps what is wrong."""
 
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
     def warn(self, line: str) -> None:
-        self.append(line)
+        self.lines.append(line)
 
 
 class TrialWorker:
@@ -148,7 +150,8 @@ class TrialWorker:
         scene, result, subject = load_scene(job.scenes[0]), job.folder / "result.usdc", None
         if scene.people:
             raise InputError(scene.path, "names several people, and a batch tracks one each", "use mmocap track for it")
-        record: dict[str, Any] = {"name": job.name, "scene": str(scene.path), "notes": notes, "step_seconds": steps}
+        record: dict[str, Any] = {"name": job.name, "scene": str(scene.path), "notes": notes.lines}
+        record["step_seconds"] = steps
         for number, step in enumerate(job.steps):
             yield Advance(step, number, len(job.steps), 0)
             begun = time.perf_counter()
@@ -159,8 +162,10 @@ class TrialWorker:
                 subject = job.folder / "subject.usdc"
                 given = self._where | {"reporter": notes} | settings["fit"]
                 if not subject.exists():
+                    before = len(notes.lines)
                     fitted = track.fit(scene, job.body, **(KNOWN if job.body else {}) | given)
                     if job.body and float(fitted.provenance["fit.cost"]) > _COSTLY:
+                        del notes.lines[before:]  # of a fit that does not count
                         fitted = track.fit(scene, job.body, **{"rigid": True, **given})
                     write_subject(subject, fitted)
             elif step == "track":
@@ -290,7 +295,9 @@ def _steps(text: str) -> tuple[str, ...]:
     """The steps in their order."""
     named = dict.fromkeys(step.strip() for step in text.split(","))
     named |= {"fit": None} if "track" in named else {}  # as far as it is needed
-    exports = [step for step in named if step.startswith("export:") and f".{step[7:]}" in _EXPORTS]
+    exports = [step for step in named if step.startswith("export:") and f".{step[7:]}" in EXPORT_SUFFIXES]
+    if "export:usdc" in named:
+        raise UsageError("--steps takes no export:usdc: each result is a result.usdc already")
     if wrong := [step for step in named if step not in (*STEPS, *exports)]:
         raise UsageError(f"--steps must be of {', '.join(STEPS)} and export:ENDING, got '{wrong[0]}'")
     if "track" not in named and named.keys() - {"mask", "fit"}:

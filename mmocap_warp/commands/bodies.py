@@ -154,7 +154,7 @@ def _read_rigged(file: Path, meshes: Path | None, character: str | None, blender
         raise InputError(file, "is of a kind that is not read", f"give a file that ends in {', '.join(readers)}")
     kind = file.suffix.lower()
     if (meshes and kind not in (".urdf", ".xml")) or (character and kind == ".urdf"):
-        raise UsageError(f"{'--meshes' if meshes else '--character'} has no use for a {kind} file")
+        raise UsageError(f"a {kind} file takes no {'--character' if kind == '.urdf' else '--meshes'}")
     return readers[file.suffix.lower()](file)
 
 

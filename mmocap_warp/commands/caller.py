@@ -128,7 +128,7 @@ def engine_of(
     if engine != "ray":
         raise UsageError(f"--engine must be local or ray, got '{engine}'")
     if device != "auto" or threads is not None:
-        raise UsageError("--device and --threads are of this machine, and cannot be given with --engine ray")
+        raise UsageError("--device and --threads are of this machine: they cannot be given with --engine ray")
     from mmocap_warp.jobs.ray_engine import RayEngine, join_cluster, share_cluster
 
     head = join_cluster(address)

@@ -70,7 +70,7 @@ def evaluate(
         file = Path(truth)
         truth = load_truth(file, truth_axes or "xyz")
     if axes_are_given and truth is None:
-        raise UsageError("--truth-axes are of a truth, and there is none: name its file with --truth")
+        raise UsageError("there is no truth that --truth-axes could be of: give its file with --truth")
     start_warp()
     points = None if joint_set == RIG else set_named(joint_set, tracked.subject.body)
     report, fault = _judged(tracked, truth, file, truth_axes or "xyz", named_by, points)

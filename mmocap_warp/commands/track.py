@@ -139,7 +139,9 @@ def fit_subject(
             scene, carried.body, config, lambda stage, done, cost: progress(round(100 * done), 100), start_poses
         )
     if float(subject.provenance["fit.cost"]) > subject_fit.MAX_COST:
-        reporter.warn("fit: no body fits the first frame well; look at it, or begin where limbs are apart (--frames)")
+        reporter.warn(
+            "fit: the body fits the first frame's masks badly; look at them, or begin with another (--frames)"
+        )
     if subject.provenance["fit.decided"] == "no":
         name = str(subject.provenance["fit.alternative"])
         reporter.note((_UNDECIDED if body.skeleton.stands else _UNDECIDED_LYING)[name])

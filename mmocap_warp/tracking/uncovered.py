@@ -130,7 +130,7 @@ class UncoveredArea:
         scale, step, count, *of_rays = self._answers.read(self._cameras)
         pixel = (step / np.where(step > 0, scale, np.inf)) ** 2  # the area of a cell [m^2]
         counts = np.flatnonzero((step > 0) & (count * pixel <= _MOST_AREA * self._size**2)).tolist()
-        # A shadow lies in one place of the floor, so that all views agree on it.
+        # The floor is taken to be where the body is lowest. A shadow lies there, and all views agree on it.
         floor = np.nan if shadows else (self._look.posed.numpy()[0] @ self._up).min()
 
         # What is beside the body in each view, as far as the other views agree, near the body. Views with less than the

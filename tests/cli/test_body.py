@@ -71,7 +71,7 @@ def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureF
     assert cli.main(["body", "import", str(robot), "-o", other]) == console.BAD_INPUT
     assert "--meshes" in capsys.readouterr().err
     assert cli.main(["body", "import", str(robot), "-o", other, "--character", "Bob"]) == console.USAGE
-    assert "--character has no use for a .urdf file" in capsys.readouterr().err
+    assert "a .urdf file takes no --character" in capsys.readouterr().err
     for flags in (["--scale", "0"], ["--scale", "inf"], ["--triangles", "2"], ["--up", "+z", "--facing", "-z"]):
         robot.write_text(ROBOT)
         assert cli.main(["body", "import", str(robot), "-o", other, *flags]) == console.USAGE

@@ -199,7 +199,7 @@ def test_axes_that_are_given_win_over_those_of_the_scenes_own_truth(result, scen
     assert answer(capsys, *asked, "--truth-axes=yzx")["other_world"] is None
     named.write_text(named.read_text().replace(f'file = "{truth.name}"', ""))
     assert cli.main([*asked, "--truth-axes=yzx"]) == console.USAGE
-    assert "there is none: name its file with --truth" in capsys.readouterr().err
+    assert "give its file with --truth" in capsys.readouterr().err
 
 
 def test_eval_says_how_many_frames_the_truth_has(result, tmp_path, capsys):

@@ -209,6 +209,7 @@ def test_a_person_is_fitted_once_and_tracked_in_every_recording(fitted, size, ma
         name = Path(getattr(scene, "path", scene)).parent.name
         fits.append((name, body, given.get("rigid"), given.get("finalists")))
         if body is not None:  # what is found with less fits one scene badly
+            given["reporter"].warn(f"fit {len(fits)}")
             return replace(subject, provenance={"fit.cost": 0.09 if name == "one" and "finalists" in given else 0.05})
         if (now := fitted[len(fits) - 1]) is None:
             raise mm.InputError(scene, "shows nobody", "look at it")
@@ -224,6 +225,8 @@ def test_a_person_is_fitted_once_and_tracked_in_every_recording(fitted, size, ma
     of_person = [("one", None, None, None), ("two", None, None, None)]
     assert fits == [*of_person, ("one", body, True, 1), ("one", body, True, None), ("two", body, True, 1)]
     np.testing.assert_allclose(mm.load_body(body).joint_rest, size * subject.body.joint_rest, atol=1e-3)
+    said = {each["name"]: [line for line in each["notes"] if line.startswith("fit ")] for each in done.trials}
+    assert said == {"a/one": ["fit 4"], "a/two": ["fit 5"], "b": []}  # none of the fit that did not count
 
 
 @pytest.mark.parametrize(
@@ -318,7 +321,7 @@ def test_scenes_are_named_from_the_folder_that_was_given(made, here, tmp_path):
     [
         ({"steps": "dance"}, mm.UsageError, "steps must be of mask, fit, .* and export:ENDING, got 'dance'"),
         ({"steps": "mask,view"}, mm.UsageError, "steps needs track"),
-        ({"steps": "track,export:usdc"}, mm.UsageError, "export:ENDING, got 'export:usdc'"),
+        ({"steps": "track,export:usdc"}, mm.UsageError, "takes no export:usdc"),
         ({"engine": "ray", "device": "cpu"}, mm.UsageError, "cannot be given with engine ray"),
         ({"workers": 0}, mm.UsageError, "workers must be at least 1"),
         ({"minutes": 0.0}, mm.UsageError, "minutes must be positive, got 0"),

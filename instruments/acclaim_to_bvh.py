@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from bvh_text import Bone, bvh_text
 
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.errors import InputError
@@ -47,42 +48,17 @@ def bvh_of_amc(path: Path, skeleton: Path | None = None) -> str:
     bones = _read_skeleton(skeleton)
     frames = _read_motion(path, {bone.name: bone.channels for bone in bones})
     place = frames["root"][:, [bones[0].channels.index(channel) for channel in _ROOT_ORDER[:3]]]
-    rows = [place]
+    angles = []
     for bone in bones:
         rotation = np.tile(np.eye(3), (len(place), 1, 1))
         for channel, values in zip(bone.channels, frames[bone.name].T, strict=True):
             if channel[0] == "r":
                 rotation = turn(channel[1], np.radians(values)) @ rotation  # the first acts first
-        rows.append(Rotation.from_matrix(bone.axes @ rotation @ bone.axes.T).as_euler("ZYX", degrees=True))
-    values, order = np.concatenate(rows, axis=1), _depth_first(bones)
-    columns = [0, 1, 2, *(3 + 3 * bone + k for bone in order for k in range(3))]
-    lines = ["HIERARCHY", *_hierarchy(bones, 0), "MOTION", f"Frames: {len(values)}", f"Frame Time: {1 / FPS:.9f}"]
-    return "\n".join([*lines, *(" ".join(f"{value:.9g}" for value in row) for row in values[:, columns])]) + "\n"
-
-
-def _depth_first(bones: list[_Bone], at: int = 0) -> list[int]:
-    """The bones as a hierarchy names them."""
-    below = [number for number, bone in enumerate(bones) if bone.parent == at]
-    return [at, *(each for number in below for each in _depth_first(bones, number))]
-
-
-def _hierarchy(bones: list[_Bone], at: int) -> list[str]:
-    """The lines of a bone and of those that hang on it. A bone begins where the one that it hangs on ends."""
-    bone = bones[at]
-    offset = np.zeros(3) if bone.parent < 0 else bones[bone.parent].vector
-    place = "6 Xposition Yposition Zposition" if bone.parent < 0 else "3"
-    lines = [f"{'ROOT' if bone.parent < 0 else 'JOINT'} {bone.name}", "{", f"OFFSET {_text(offset)}"]
-    lines.append(f"CHANNELS {place} Zrotation Yrotation Xrotation")
-    below = [number for number, each in enumerate(bones) if each.parent == at]
-    for number in below:
-        lines += _hierarchy(bones, number)
-    if not below:
-        lines += ["End Site", "{", f"OFFSET {_text(bone.vector)}", "}"]
-    return [*lines, "}"]
-
-
-def _text(vector: np.ndarray) -> str:
-    return " ".join(f"{value:.9g}" for value in vector)
+        angles.append(Rotation.from_matrix(bone.axes @ rotation @ bone.axes.T).as_euler("ZYX", degrees=True))
+    # A bone begins where the one that it hangs on ends.
+    starts = [bones[bone.parent].vector if bone.parent >= 0 else np.zeros(3) for bone in bones]
+    written = [Bone(bone.name, bone.parent, start, bone.vector) for bone, start in zip(bones, starts, strict=True)]
+    return bvh_text(written, place, np.array(angles), 1 / FPS)
 
 
 def _read_skeleton(path: Path) -> list[_Bone]:

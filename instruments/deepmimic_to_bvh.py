@@ -10,12 +10,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from bvh_text import Bone, bvh_text
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import read_json, write_whole
 
 _REMEDY = "give a humanoid3d_NAME.txt of DeepMimic"
 _COLUMNS = 44  # of a frame: its duration, the root's place, and the joints' rotations
+
+_END = (0.0, -0.1, 0.0)  # of hands, feet and head, whose lengths do not count [m]
 
 # The humanoid's joints in the order of a file's columns: names as BVH files have them, the parent, where the joint is
 # from its parent (x ahead, y up, z right) [m], and the values of its rotation: a quaternion with w first, or an angle
@@ -59,31 +62,8 @@ def bvh_of_deepmimic(path: Path) -> str:
         else:
             about_z = own[:, 0] if width else np.zeros(len(values))
             angles.append(np.stack([np.degrees(about_z), *np.zeros((2, len(values)))], axis=1))
-    order = _depth_first(0)
-    rows = np.concatenate([values[:, 1:4], *(angles[joint] for joint in order)], axis=1)
-    lines = ["HIERARCHY", *_hierarchy(0), "MOTION", f"Frames: {len(rows)}", f"Frame Time: {values[0, 0]:.9f}"]
-    return "\n".join([*lines, *(" ".join(f"{value:.9g}" for value in row) for row in rows)]) + "\n"
-
-
-def _below(joint: int) -> list[int]:
-    return [number for number, (_, parent, _, _) in enumerate(_JOINTS) if parent == joint]
-
-
-def _depth_first(joint: int) -> list[int]:
-    """The joints as a hierarchy names them."""
-    return [joint, *(each for number in _below(joint) for each in _depth_first(number))]
-
-
-def _hierarchy(joint: int) -> list[str]:
-    """The lines of a joint and of those that hang on it."""
-    name, parent, offset, _ = _JOINTS[joint]
-    lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {name}", "{", f"OFFSET {' '.join(map(str, offset))}"]
-    lines.append(f"CHANNELS {'3' if parent >= 0 else '6 Xposition Yposition Zposition'} Zrotation Yrotation Xrotation")
-    for number in _below(joint):
-        lines += _hierarchy(number)
-    if not _below(joint):
-        lines += ["End Site", "{", "OFFSET 0 -0.1 0", "}"]
-    return [*lines, "}"]
+    bones = [Bone(name, parent, offset, _END) for name, parent, offset, _ in _JOINTS]
+    return bvh_text(bones, values[:, 1:4], np.array(angles), values[0, 0])
 
 
 if __name__ == "__main__":

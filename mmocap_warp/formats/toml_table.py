@@ -174,6 +174,13 @@ class Table:
         keys = [key for key, value in self._values.items() if isinstance(value, dict)]
         return {key: self.take_table(key) for key in keys}
 
+    def take_tables_of(self, key: str) -> dict[str, Table]:
+        """The tables inside a table, by name; it may hold nothing else, or be absent."""
+        holder = self.take_table(key)
+        tables = holder.take_tables()
+        holder.finish()
+        return tables
+
     def take_file(self, key: str, folder: Path, default: Any = ...) -> Any:
         """The file that is named, relative to ``folder``; an absent one is ``default``."""
         if (name := self.take(key, str, default)) is default:

@@ -74,9 +74,7 @@ def load_scene(
     file = load_toml(path)
     # The file's tables; an unknown one is reported before anything else.
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
-    labels, by_person = file.take_table("labels"), file.take_table("people")
-    people = by_person.take_tables()
-    by_person.finish()
+    labels, people = file.take_table("labels"), file.take_tables_of("people")
     labelled, told_apart = bool(people) or labels.has("person"), labels.take("told_apart", bool, False)
     making = file.take_table("foreground")
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()

@@ -56,9 +56,7 @@ def read_joints_file(path: str | Path) -> GivenJoints:
     table = load_toml(path)
     root = table.take_choice("root", ("free", "fixed"), None)
     rigid, stands = (table.take(key, bool, None) for key in ("rigid", "stands"))
-    by_joint = table.take_table("joints")
-    joints = {name: _read_joint(entry) for name, entry in by_joint.take_tables().items()}
-    by_joint.finish()
+    joints = {name: _read_joint(entry) for name, entry in table.take_tables_of("joints").items()}
     table.finish()
     return GivenJoints(str(path), None if root is None else root == "fixed", rigid, stands, joints)
 

@@ -167,8 +167,8 @@ def _product(a: float, b: float) -> float:
 def _factor(n: int, system: wp.array2d[wp.float32], lane: int, lanes: int) -> None:
     """Cholesky's L in place of the matrix; the row below becomes ``L^-1`` times what it was.
 
-    All that is left of it is taken off a column, by a lane for each row: to write each element as often as a column is
-    taken off it took a GPU four times as long. The diagonal goes into the last column.
+    A lane for each row takes all earlier columns off an element at once, in the same order on a CPU as on a GPU. To
+    write all elements again after each column took a GPU four times as long. The diagonal goes into the last column.
     """
     for p in range(n):
         for i in range(p + lane, n + 1, lanes):

@@ -150,12 +150,12 @@ def _read_rigged(file: Path, meshes: Path | None, character: str | None, blender
     }
     if not file.is_file():
         raise InputError(file, "no such file", "check the path")
-    if file.suffix.lower() not in readers:
-        raise InputError(file, "is of a kind that is not read", f"give a file that ends in {', '.join(readers)}")
     kind = file.suffix.lower()
+    if kind not in readers:
+        raise InputError(file, "is of a kind that is not read", f"give a file that ends in {', '.join(readers)}")
     if (meshes and kind not in (".urdf", ".xml")) or (character and kind == ".urdf"):
         raise UsageError(f"a {kind} file takes no {'--character' if kind == '.urdf' else '--meshes'}")
-    return readers[file.suffix.lower()](file)
+    return readers[kind](file)
 
 
 @releases_locks

@@ -80,6 +80,10 @@ FitProgress = Callable[[str, float, float], None]
 """Called with the stage's name, the share of all work done, and the best cost so far."""
 
 
+def _unheard(stage: str, done: float, cost: float) -> None:
+    """Progress that nobody is told of."""
+
+
 def fit(
     scene: Scene,
     body: BodyModel,
@@ -141,13 +145,13 @@ def fit_clip(
         starts = None if start_poses is None else start_poses / body.skeleton.units(unit)
         own = body.in_unit(unit), rig.in_unit(unit)
         return fit_clip(*own, fps, observations, config, progress, starts, later).in_unit(1 / unit)
-    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None), start_poses)
+    task = _Task(body, rig, config or FitConfig(), progress or _unheard, start_poses)
     observations = iter(observations)
     first = next(observations)
     best, others = _first_frame(task, first)
-    if best.cost > MAX_COST and task.lying:
+    if best.cost > MAX_COST and (task_lying := task.lying):
         task.progress("lying", _LIMBS_SHARE, best.cost)
-        lying, others_lying = _first_frame(task.lying, first)
+        lying, others_lying = _first_frame(task_lying, first)
         if lying.cost < best.cost - _CLEAR_MARGIN:
             best, others = lying, others_lying
     verdict = _verdict(best, others)
@@ -182,7 +186,7 @@ def _with_clip_bodies(task: _Task, clip: list[Observation], fps: float, subjects
 
 def _with_later_frames(task: _Task, way: InClip, fps: float, later: Iterable[Iterable[Observation]]) -> Subject:
     """A subject whose body later parts of a long recording show too: a body in other poses is seen better."""
-    known = _Task(way.subject.body, task.rig, replace(task.config, **KNOWN), lambda stage, done, cost: None)
+    known = _Task(way.subject.body, task.rig, replace(task.config, **KNOWN), _unheard)
     settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
     parts = []
     for frames in later:
@@ -221,7 +225,7 @@ class _Task:
         if self.generic.rigid or not skeleton.stands or self.start_poses is not None:
             return None
         generic = replace(self.generic, skeleton=replace(skeleton, stands=False))
-        return replace(self, generic=generic, progress=lambda stage, done, cost: None)
+        return replace(self, generic=generic, progress=_unheard)
 
     @property
     def expected(self) -> BodyModel:

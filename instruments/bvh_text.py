@@ -16,7 +16,7 @@ class Bone(NamedTuple):
 
 
 def bvh_text(bones: list[Bone], place: np.ndarray, angles: np.ndarray, interval: float) -> str:
-    """The text of places of the root (frame, 3), angles about z, y and x (bone, frame, 3) [degrees], and an interval [s].
+    """The text of the root's places (frame, 3), angles about z, y and x (bone, frame, 3) [degrees], and interval [s].
 
     Parents come before children.
     """

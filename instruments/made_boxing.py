@@ -145,6 +145,22 @@ ROUNDS: dict[str, Round] = {
     ),
 }
 
+FIGHTS: dict[str, Round] = {
+    "S1": Round(
+        "L",
+        ((0.3, "jab"), (0.7, "cross"), (1.9, "jab"), (2.3, "lead hook"), (3.3, "cross")),
+        ((0.2, 0.0, 0.12), (2.7, -0.10, -0.10)),
+        ((1.25, 0.08), (2.8, -0.08)),
+    ),
+    "S2": Round(
+        "L",
+        ((1.1, "jab"), (1.45, "cross"), (2.6, "body jab"), (3.0, "cross"), (3.5, "lead hook")),
+        ((0.9, 0.10, 0.0), (2.0, 0.0, -0.10)),
+        ((0.35, -0.08), (2.0, 0.08)),
+    ),
+}
+"""Of two who face each other: one slips while the other punches."""
+
 _PELVIS, _CHEST = -0.60, -0.70  # turns of pelvis and chest in the guard, the rear side back [rad]
 _CROUCH, _LEAN = 0.06, 0.14  # share of the leg's length that the hips are lower; lean of the chest [rad]
 _FEET: dict[str, tuple[float, float, float]] = {"lead": (0.12, 0.23, -0.35), "rear": (-0.16, -0.24, -0.85)}  # and yaw

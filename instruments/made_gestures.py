@@ -44,6 +44,9 @@ SIGNS: dict[str, Sign] = {
     "halt": Sign((0.08, 0.10, 0.94), (0.7, -1.0, 0.0)),
     "aside": Sign((0.92, 0.08, 0.22), (0.0, -0.5, -1.0)),
     "go on": Sign((0.62, -0.10, 0.55), (0.6, -1.0, -0.3), (0.26, 0.05, 0.10), 1.1),
+    # Hands that meet before both people, 1.1 m up: S2 has higher shoulders and shorter arms.
+    "shake": Sign((-0.32, -0.50, 0.68), (0.5, -1.0, -0.2), (0.0, 0.10, 0.0), 2.4),
+    "shake of S2": Sign((-0.32, -0.66, 0.55), (0.5, -1.0, -0.2), (0.0, 0.12, 0.0), 2.4),
 }
 
 Script = tuple[tuple[float, str, str, float], ...]
@@ -54,6 +57,9 @@ SCRIPTS: dict[str, Script] = {
     "S2": ((0.25, "L", "wave", 1.0), (1.9, "R", "halt", 0.6), (2.3, "L", "come", 1.2), (4.2, "R", "aside", 0.5)),
     "S3": ((0.2, "R", "high wave", 1.1), (1.9, "L", "halt", 0.5), (2.0, "R", "go on", 1.2), (3.9, "L", "wave", 1.0)),
 }
+
+SHAKES: dict[str, Script] = {"S1": ((0.4, "R", "shake", 1.5),), "S2": ((0.4, "R", "shake of S2", 1.5),)}
+"""Of two who face each other, 0.82 m apart."""
 
 _MOVE, _RETURN = 0.7, 0.8  # time of a hand's way to a sign, and back down [s]
 _FLOW = 0.4  # a hand that has less time than this before its next sign does not go down first [s]

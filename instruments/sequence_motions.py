@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 from gait_curves import CADENCE
-from made_boxing import ROUNDS, boxing
-from made_gestures import SCRIPTS, gesturing
+from made_boxing import FIGHTS, ROUNDS, boxing
+from made_gestures import SCRIPTS, SHAKES, gesturing
 from made_spins import SPINS, spinning
 from made_walks import Walk, walking_around
 
@@ -30,9 +30,13 @@ ACTIONS: dict[str, Motion] = {
     "S3/Walking": walking_around(1.15, 1.22, 106.0),
     "Uneven/Walking": walking_around(1.10, 1.10, 112.0),
     "Skirt/Walking": walking_around(1.00, 1.10, 116.0),
+    "Swing/Walking": walking_around(0.90, 1.10, 116.0),
+    "Coat/Walking": walking_around(1.00, 1.15, 112.0),
     "Child/Walking": walking_around(0.90, 0.60, 138.0, step_width=0.07),
     **{f"{person}/Gestures": _acted(gesturing, script) for person, script in SCRIPTS.items()},
     **{f"{person}/Box": _acted(boxing, script) for person, script in ROUNDS.items()},
+    **{f"{person}/Handshake": _acted(gesturing, script) for person, script in SHAKES.items()},
+    **{f"{person}/Fight": _acted(boxing, script) for person, script in FIGHTS.items()},
     **{f"{person}/Spin": _acted(spinning, spin) for person, spin in SPINS.items()},
 }
 """By the sequence's name."""

@@ -59,22 +59,27 @@ _WALKER_SHAPE: dict[str, float] = {
 _WALKER_STRETCH = (1.02, 0.99, 1.03)
 
 
+class _SinglePrecision(Poser):
+    """Poses a body as the tracker does: the scene was first made so."""
+
+    def moving(self, poses: np.ndarray, frame: int, fps: float) -> np.ndarray:
+        """The vertices (vertex, 3) in a frame of a motion [m]."""
+        return self.vertices(poses[frame : frame + 1])[0]
+
+
 def walker() -> BodyModel:
     """The shipped woman, heavier, stronger, longer of leg, broader of shoulder, then stretched unequally."""
     return stretched(load_body("adult_woman").shaped(_WALKER_SHAPE), "walker", _WALKER_STRETCH)
 
 
 def walking(frames: int = FRAMES, seed: int = 0) -> Recording:
-    """Part of a circle, walked along amid the cameras.
-
-    The body is posed in single precision, as the tracker poses it: the scene was first made so.
-    """
+    """Part of a circle, walked along amid the cameras."""
     body = walker()
     base = upright_base("+z") @ heading_rotation(_HEADING)
     cycles = CADENCE / 120.0 / FPS
     poses = Walk(body).poses(cycles * (np.arange(frames) - (frames - 1) / 2))
     poses[:, :3] = poses[:, :3] @ base.T
-    return Recording(body, base, poses, FPS, camera_ring(), segmentation(body, seed), posed_by=Poser)
+    return Recording(body, base, poses, FPS, camera_ring(), segmentation(body, seed), posed_by=_SinglePrecision)
 
 
 def segmentation(body: BodyModel, seed: int = 0) -> SpoiltMasks:

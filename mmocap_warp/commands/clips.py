@@ -29,15 +29,16 @@ def make_sequences(
 
     Args:
         folder: the folder to write; each sequence gets its own in it, such as S1/Walking.
-        sequences: which: S1, S2 or S3 with /Walking, /Gestures or /Box, or further clips: S1/Spin, S2/Spin,
-            Uneven/Walking, Skirt/Walking, Child/Walking. [default: the nine of S1 to S3]
+        sequences: which: S1, S2 or S3 with /Walking, /Gestures or /Box, S1 or S2 with /Spin, /Handshake or /Fight,
+            or Uneven, Skirt, Swing, Coat or Child with /Walking. [default: the nine of S1 to S3]
         frames: at most so many of each. [default: all]
         degrade: what makes them worse: passer-by, furniture, fps=15, views=3, cut=2 (or all), calibration=10 (pixels),
-            or several joined by +; with +labelled, what gets in the way has a label.
+            or several joined by +; with +labelled, what gets in the way has a label, and so have loose clothes.
         seed: of what is random in that.
         clip: a .bvh file whose motion takes the place of the one sequence's own.
         together: the people of the sequences, two or more, are in one scene of label images and pass each other.
-        apart: how near to each other they come [m]; 0.4 is a hold. [default: 0.7, a hand between shoulders that pass]
+        apart: how near to each other they come [m]; 0.4 is a hold, 0.82 for /Handshake, 0.9 for /Fight.
+            [default: 0.7, a hand between shoulders that pass]
         force: write among files that are there.
         reporter: receives progress.
 

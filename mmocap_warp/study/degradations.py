@@ -26,6 +26,9 @@ from mmocap_warp.synthesis.writing import Progress, write_made_scene
 NONE = "none"
 """The recording as it is."""
 
+LABELLED = "labelled"
+"""Whatever hides the person has a label: what else the degradations put there, and garments."""
+
 Masks = list[np.ndarray]
 """Per camera (height, width) bool."""
 
@@ -130,7 +133,7 @@ _STEPS: dict[str, tuple[_Step, str]] = {  # in the order in which they are done,
     "views": (lambda clip, amount, seed, labelled: fewer_views(clip, round(amount)), "COUNT"),
     "cut": (lambda clip, amount, seed, labelled: cut_out(clip, round(min(amount, 1e6)), labelled), "VIEWS"),
     "calibration": (lambda clip, amount, seed, labelled: wrong_calibration(clip, amount, seed), "PIXELS"),
-    "labelled": (lambda clip, amount, seed, labelled: clip, ""),
+    LABELLED: (lambda clip, amount, seed, labelled: clip, ""),
 }
 # How degradations are written.
 _FORMS = tuple(f"{name}={amount}" if amount else name for name, (_, amount) in _STEPS.items())
@@ -163,7 +166,7 @@ def degraded(clip: OpenClip, text: str, seed: int) -> OpenClip:
     amounts = parse(text)
     for name, (step, _) in _STEPS.items():
         if name in amounts:
-            clip = step(clip, amounts[name], seed, "labelled" in amounts)
+            clip = step(clip, amounts[name], seed, LABELLED in amounts)
     return clip
 
 
@@ -230,9 +233,9 @@ keep = "all"
 _LABELS = """
 [labels]
 person = 1
-thing = 2
+{hider} = 2
 """
-_THING = 2
+_HIDER = 2
 
 
 def write_sequence(
@@ -253,13 +256,14 @@ def write_sequence(
         InputError: a folder that cannot be written to.
         ValueError: a degradation that means nothing to this sequence.
     """
-    labelled = "labelled" in parse(degradation)
-    worse = degraded(open_sequence(sequence), degradation, seed)
+    labelled = LABELLED in parse(degradation)
+    worse = degraded(open_sequence(sequence, labelled), degradation, seed)
     about = f"{sequence.name} of the study's shipped sequences, made up with known truth."
     if degradation != NONE:
         about += f" Made worse: {degradation}, seed {seed}."
     footage, truth = _Streamed(worse, labelled), worse.truth or sequence.truth
-    foreground = _FOREGROUND + (_LABELS if labelled else "")
+    hider = "garment" if degradation == LABELLED else "thing"
+    foreground = _FOREGROUND + (_LABELS.format(hider=hider) if labelled else "")
     given: dict[str, Any] = {"name": sequence.name, "subject": sequence.subject, "progress": progress}
     return write_made_scene(Path(folder), footage, truth, about=about, foreground=foreground, **given)
 
@@ -304,4 +308,4 @@ class _Streamed:
         if not self._labelled:
             return masks
         hidden = hidden or [np.zeros_like(mask) for mask in masks]
-        return [mask + np.uint8(_THING) * other for mask, other in zip(masks, hidden, strict=True)]
+        return [mask + np.uint8(_HIDER) * other for mask, other in zip(masks, hidden, strict=True)]

@@ -25,6 +25,8 @@ from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
 from mmocap_warp.synthesis.footage.segmentation import Contrast, SegmentedMasks
+from mmocap_warp.synthesis.footage.together import garment_masks
+from mmocap_warp.synthesis.garment import GARMENTS, worn_vertices
 from mmocap_warp.synthesis.motion.retarget import retargeted
 from mmocap_warp.synthesis.motion.stored_poses import stored_poses
 from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS, Person, fitted_start
@@ -65,9 +67,13 @@ class StudySequence:
         """Frames run from 0 to one less."""
         return len(self.recording)
 
-    def observation(self, frame: int) -> Observation:
-        """The masks of a frame, the same in whatever order frames are asked for."""
-        return self.recording.observation(frame)
+    def observation(self, frame: int, labelled: bool = False) -> Observation:
+        """The masks of a frame, the same in whatever order frames are asked for; ``labelled``: garments hide skin."""
+        if not labelled or self.recording.worn is None:
+            return self.recording.observation(frame)
+        masks = self.recording.masks(frame)
+        worn = garment_masks(self.recording, frame, masks)
+        return Observation.from_masks([mask & ~over for mask, over in zip(masks, worn, strict=True)], None, worn)
 
     def first(self, count: int | None) -> Self:
         """The sequence cut after ``count`` frames at most, which stay as they are; all of it for None."""
@@ -121,7 +127,9 @@ def make_sequence(name: str, plan: SequencePlan, person: Person | None = None) -
     worse = _WORSE.get(plan.person, 1.0)
     contrast = tuple((_COLOUR if camera.startswith("C") else _GREY).worse(worse) for camera in plan.cameras)
     masks = SegmentedMasks(body, contrast, _LIGHT, plan.seed)
-    recording = Recording(body, base, poses, FPS, study_rig().select(plan.cameras), masks, posed_by=person.posed_by)
+    recording = Recording(body, base, poses, FPS, study_rig().select(plan.cameras), masks)
+    if person.garment:
+        recording = replace(recording, posed_by=person.posed_by, worn=worn_vertices(body, GARMENTS[person.garment]))
     start = fitted_start(person, base, poses[0], plan.seed)
     exact = recording.truth({HEAD_TOP: head_top(recording.body)})
     noise = MARKER_NOISE * np.random.default_rng([plan.seed, 2]).standard_normal(exact.markers.shape)

@@ -125,9 +125,9 @@ def open_clip(clip: Clip) -> OpenClip:
     return OpenClip(scene.rate, subject, scene.rig(clip.scale), truth, frames, masks)
 
 
-def open_sequence(sequence: StudySequence) -> OpenClip:
-    """All of a sequence."""
-    masks = (sequence.observation(frame) for frame in range(sequence.frame_count))
+def open_sequence(sequence: StudySequence, labelled: bool = False) -> OpenClip:
+    """All of a sequence; ``labelled``: garments have a label of their own."""
+    masks = (sequence.observation(frame, labelled) for frame in range(sequence.frame_count))
     return OpenClip(sequence.fps, sequence.subject, sequence.rig, sequence.truth, sequence.frame_count, masks)
 
 

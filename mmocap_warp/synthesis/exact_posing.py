@@ -49,6 +49,10 @@ class ExactPoser:
             vertices.append(np.einsum("vab,vb->va", blended[:, :, :3], self._rest) + blended[:, :, 3])
         return np.stack(vertices)
 
+    def moving(self, poses: np.ndarray, frame: int, fps: float) -> np.ndarray:
+        """The full mesh's vertices in a frame of a motion (frame, 51), so many a second: (vertex, 3) float64 [m]."""
+        return self.vertices(poses[frame : frame + 1])[0]
+
     @cached_property
     def _weight(self) -> np.ndarray:
         """(vertex, joint), rows sum to one."""

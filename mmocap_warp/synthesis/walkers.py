@@ -9,8 +9,9 @@ tracker does with them shows how much it owes to the family of its bodies.
 """
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import files
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-from mmocap_warp.synthesis.skirt import SkirtPoser, skirted
+from mmocap_warp.synthesis.garment import GARMENTS, GarmentPoser, dressed
 
 _UP = np.array([0.0, 1.0, 0.0])
 _LIMBS: dict[str, str] = {
@@ -41,23 +42,23 @@ class Person:
     scale: float  # of the tracker's body
     # By joint, length and girth of what hangs on it, where the true body's differ; None for none.
     segments: Mapping[str, Sequence[float]] | None = None
-    skirt: bool = False  # whether the true body wears one, see :mod:`mmocap_warp.synthesis.skirt`
+    garment: str | None = None  # what the true body wears, of :data:`mmocap_warp.synthesis.garment.GARMENTS`
 
     def true_body(self) -> BodyModel:
         """Who is seen; without shape targets where segments were resized."""
         body = stretched(self._shaped_body(self.shape), f"{self.name}_true", self.stretch)
         if self.segments is not None:
             body = resized(body, self.segments)
-        return skirted(body) if self.skirt else body
+        return dressed(body, GARMENTS[self.garment]) if self.garment else body
 
     def tracked_body(self) -> BodyModel:
         """Who is tracked."""
         return self._shaped_body(self.modelled).shaped({}, self.scale)
 
     @property
-    def posed_by(self) -> type[ExactPoser]:
-        """What poses the true body."""
-        return SkirtPoser if self.skirt else ExactPoser
+    def posed_by(self) -> Callable[[BodyModel, np.ndarray], ExactPoser]:
+        """Makes what poses the true body."""
+        return partial(GarmentPoser, garment=GARMENTS[self.garment]) if self.garment else ExactPoser
 
     def _shaped_body(self, weights: dict[str, float]) -> BodyModel:
         """The shipped body with one target after the other: CPUs round sums of several differently."""

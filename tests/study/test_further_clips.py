@@ -10,10 +10,12 @@ from made_spins import SPINS
 
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli import main
+from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS, FPS, FURTHER_PLANS, SEQUENCES, make_sequence
 from mmocap_warp.study.source import Clip, clip_facts, open_clip
 from mmocap_warp.synthesis.exact_posing import ExactPoser
+from mmocap_warp.synthesis.footage.together import places, shifted_truth
 from mmocap_warp.synthesis.walkers import PEOPLE
 
 FLOOR = 2e-3  # [m]
@@ -104,6 +106,56 @@ def test_a_spin_is_on_one_foot_with_the_arms_out(spin):
     assert np.abs(lowest).max() < FLOOR
 
 
+# Two who meet, and what is worn
+
+
+def wrists_and_necks(action, apart):
+    """(person, frame, 3) right wrists and necks of S1 and S2, who are put so far apart."""
+    pair = [CLIPS[f"{person}/{action}"] for person in ("S1", "S2")]
+    shifts = places([each.recording.poses[:, :2] for each in pair], apart)
+    truths = [shifted_truth(each.truth, shift) for each, shift in zip(pair, shifts, strict=True)]
+    return [
+        np.stack([truth.joints[:, truth.joint_names.index(joint)] for truth in truths]) for joint in ("RWrist", "Neck")
+    ]
+
+
+def test_hands_meet_in_a_handshake():
+    (one, other), _ = wrists_and_necks("Handshake", 0.82)
+    between = np.linalg.norm(one - other, axis=1)
+    shaken = slice(int(1.1 * FPS), int(2.5 * FPS))
+    assert between[shaken].min() > 0.13
+    assert between[shaken].max() < 0.20  # a palm in a palm
+    assert np.ptp(one[shaken, 2]) > 0.08
+    assert min(between[0], between[-1]) > 0.7
+
+
+def test_punches_of_a_fight_reach_the_other_and_stay_outside():
+    wrists, necks = wrists_and_necks("Fight", 0.9)
+    nearest = np.linalg.norm(wrists - necks[::-1], axis=2).min(axis=1)
+    assert (nearest > 0.2).all()
+    assert nearest.min() < 0.4
+
+
+def test_a_garment_has_a_label_where_it_is_nearer_than_the_skin():
+    coat = make_sequence("Coat/Walking", replace(FURTHER_PLANS["Coat/Walking"], frames=1))
+    whole, seen = coat.observation(0), coat.observation(0, labelled=True)
+    size = coat.rig.size
+    unpacked = coat.recording.masks(0), unpack_masks(seen.words, size), seen.unpacked_hidden(size)
+    masks, skin, cloth = map(np.array, unpacked)
+    np.testing.assert_array_equal(skin | cloth, masks)
+    assert not (skin & cloth).any()
+    assert 0.6 < cloth.sum() / masks.sum() < 0.9
+    index = coat.recording.body.skeleton.index
+    for joint, worn in (("UpperSpine", True), ("Neck", False), ("LAnkle", False)):
+        place = coat.truth.joints[0, index(joint)] + (0.0, 0.0, 0.1 * (joint == "Neck"))
+        pixel = np.rint(project(coat.rig, place[None])[:, 0]).astype(int)
+        shown = np.array([cloth[k, y, x] for k, (x, y) in enumerate(pixel)])
+        assert shown.mean() > 0.8 if worn else shown.mean() < 0.2, joint
+    bare = make_sequence("Child/Walking", replace(FURTHER_PLANS["Child/Walking"], frames=1))
+    assert bare.observation(0, labelled=True).hidden is None
+    assert whole.hidden is None
+
+
 # Where they are made by name
 
 
@@ -123,6 +175,13 @@ def test_make_writes_one_as_a_scene(tmp_path, monkeypatch, capsys):
     scene = load_scene(tmp_path / "made" / name / "scene.toml")
     assert (scene.frame_count, len(scene.cameras)) == (2, 7)
     np.testing.assert_array_equal(next(scene.observations()).words, CLIPS[name].observation(0).words)
+    labelled = ["--sequence", name, "--degrade", "labelled", "--quiet"]
+    assert main(["study", "make", str(tmp_path / "worn"), *labelled]) == 0
+    scene = load_scene(tmp_path / "worn" / name / "scene.toml")
+    seen, wanted = next(scene.observations()), CLIPS[name].observation(0, labelled=True)
+    np.testing.assert_array_equal(seen.words, wanted.words)
+    np.testing.assert_array_equal(seen.hidden, wanted.hidden)
+    assert "garment = 2" in scene.path.read_text()
 
 
 def test_a_clip_moves_the_nine_alone(tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""People unlike the tracker's bodies: segments of their own sizes, and a skirt that hangs over both legs."""
+"""People unlike the tracker's bodies: segments of their own sizes, a skirt that hangs over both legs, a coat."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.outlines import Surface
-from mmocap_warp.synthesis.skirt import SkirtPoser, skirted
+from mmocap_warp.synthesis.garment import GARMENTS, GarmentPoser, dressed, worn_vertices
 from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS, resized
 
 
@@ -104,10 +104,10 @@ def test_a_skirt_goes_around_both_legs_in_any_pose_and_leaves_the_skin_as_it_is(
     pose[0, woman.skeleton.angles("Root")] = 0.0, 0.8, 0.0
     pose[0, woman.skeleton.angles("LHip").start] = -0.5
     pose[0, woman.skeleton.angles("RHip").start] = 0.3
-    dressed = SkirtPoser(woman, np.eye(3)).vertices(pose)[0]
+    clothed = GarmentPoser(woman, np.eye(3), GARMENTS["skirt"]).vertices(pose)[0]
     plain = ExactPoser(woman, np.eye(3)).vertices(pose)[0]
-    np.testing.assert_array_equal(dressed[:bare], plain[:bare])
-    rings = dressed[bare:-2].reshape(16, 48, 3)
+    np.testing.assert_array_equal(clothed[:bare], plain[:bare])
+    rings = clothed[bare:-2].reshape(16, 48, 3)
     joints = ExactPoser(woman, np.eye(3)).joint_transforms(pose)[0, :, :3, 3]
     for side in "LR":  # the middle of each thigh is inside its ring
         thigh = (joints[woman.skeleton.index(f"{side}Hip")] + joints[woman.skeleton.index(f"{side}Knee")]) / 2
@@ -124,12 +124,46 @@ def test_a_skirt_turns_with_the_pelvis(woman):
     bare = len(PEOPLE["S2"].true_body().skin.rest)
     poses = np.zeros((2, woman.skeleton.coordinates))
     poses[1, woman.skeleton.angles("Root").start + 1] = 0.7
-    straight, turned = SkirtPoser(woman, np.eye(3)).vertices(poses)[:, bare:]
+    straight, turned = GarmentPoser(woman, np.eye(3), GARMENTS["skirt"]).vertices(poses)[:, bare:]
     c, s = np.cos(0.7), np.sin(0.7)
     np.testing.assert_allclose(turned, straight @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T, atol=2e-3)
 
 
+def test_what_swings_lags_behind_and_comes_to_rest(woman):
+    count = 480
+    poser, resting = (GarmentPoser(woman, np.eye(3), GARMENTS[name]) for name in ("swinging skirt", "skirt"))
+    poses, half = np.zeros((count, woman.skeleton.coordinates)), count // 2
+    poses[half:, 0] = 1.2 * np.arange(count - half) / 60  # sets off to the left at 1.2 m/s
+    hem = slice(-2 - 48, -2)
+    swing = {
+        f: (poser.moving(poses, f, 60.0) - resting.moving(poses, f, 60.0)) for f in (0, half, half + 15, count - 1)
+    }
+    for frame in (0, half):
+        np.testing.assert_array_equal(swing[frame], 0.0)
+    lag = swing[half + 15][hem].mean(axis=0)
+    assert -0.0901 < lag[0] < -0.05
+    np.testing.assert_allclose(lag[1:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(swing[half + 15][hem], np.tile(lag, (48, 1)), atol=1e-12)
+    np.testing.assert_array_equal(swing[half + 15][: -2 - 16 * 48], 0.0)  # the skin
+    assert np.abs(swing[count - 1]).max() < 1e-3
+    np.testing.assert_array_equal(
+        poser.moving(poses[: half + 16], half + 15, 60.0), poser.moving(poses, half + 15, 60.0)
+    )
+
+
+def test_a_coat_has_sleeves_and_reaches_below_the_knees():
+    coat = STRANGERS["Coat"].true_body()
+    worn = worn_vertices(coat, GARMENTS["coat"])
+    rest, at = (
+        coat.skin.rest,
+        {name: coat.joint_rest[coat.skeleton.index(name)] for name in ("LKnee", "LAnkle", "LElbow")},
+    )
+    assert at["LAnkle"][1] < rest[worn, 1].min() < at["LKnee"][1] - 0.05
+    assert worn[np.linalg.norm(rest - at["LElbow"], axis=1) < 0.05].mean() > 0.9
+    assert not worn[rest[:, 1] > rest[:, 1].max() - 0.2].any()  # the head
+
+
 def test_dressing_keeps_the_markers(man):
-    dressed = skirted(man)
-    np.testing.assert_array_equal(dressed.skin.rest[dressed.marker_vertex], man.skin.rest[man.marker_vertex])
-    assert dressed.shape_vertex.shape[1] == len(dressed.skin.rest)
+    clothed = dressed(man, GARMENTS["skirt"])
+    np.testing.assert_array_equal(clothed.skin.rest[clothed.marker_vertex], man.skin.rest[man.marker_vertex])
+    assert clothed.shape_vertex.shape[1] == len(clothed.skin.rest)

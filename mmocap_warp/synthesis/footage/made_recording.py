@@ -1,6 +1,6 @@
 """A body in motion before cameras, known exactly; each frame is made when asked for, the same in any order."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -27,7 +27,8 @@ class Recording:
     fps: float  # frames per second
     rig: CameraRig  # the cameras
     segmentation: SpoiltMasks | SegmentedMasks  # how their masks come about
-    posed_by: type[ExactPoser] = ExactPoser  # what poses the body: ``ExactPoser``, or a class that is used as it is
+    posed_by: Callable[[BodyModel, np.ndarray], ExactPoser] = ExactPoser  # makes what poses the body
+    worn: np.ndarray | None = None  # (vertex,) bool, of the full mesh: those of a garment, if one is worn
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -38,7 +39,7 @@ class Recording:
 
     def vertices(self, frame: int) -> np.ndarray:
         """(vertex, 3), the full mesh in the world [m]."""
-        return self._poser.vertices(self.poses[frame : frame + 1])[0]
+        return self._poser.moving(self.poses, frame, self.fps)
 
     def masks(self, frame: int) -> list[np.ndarray]:
         """Per camera (height, width) bool, with faults."""

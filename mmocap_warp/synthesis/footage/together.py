@@ -1,15 +1,21 @@
-"""Several people in one room before the same cameras: label images, in which the nearer one hides the others."""
+"""Label images, in which who is nearer hides others: several people before the same cameras, or a garment."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.footage.made_recording import Recording
+from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines
 
 _STEP = 0.02  # between the radii that are tried [m]
 _NEIGHBOURS = 4  # vertices about a pixel, the nearest of which says how deep the skin is there
+_SKIN, _WORN = 1, 2
+_SPREAD = 3  # points along each side of a face
+_HALO = 3  # how far a fault of a mask moves the garment's edge at most [px]
 
 
 def places(ways: Sequence[np.ndarray], apart: float) -> np.ndarray:
@@ -56,17 +62,48 @@ class Together:
         masks = [recording.masks(frame) for recording in self._people]
         skins = [recording.vertices(frame) for recording in self._people]
         by_view = enumerate(zip(*masks, strict=True))
-        return [_labels(of_people, [self._seen(k, skin) for skin in skins]) for k, of_people in by_view]
-
-    def _seen(self, k: int, skin: np.ndarray) -> np.ndarray:
-        """(vertex, 3) column and row in a view [px], and depth [m]."""
-        seen = skin @ self.rig.R[k].T + self.rig.t[k]
-        image = seen @ self.rig.K[k].T
-        return np.column_stack([image[:, :2] / image[:, 2:], seen[:, 2]])
+        return [_nearest(of_people, [_seen(self.rig, k, skin) for skin in skins]) for k, of_people in by_view]
 
 
-def _labels(masks: Sequence[np.ndarray], seen: Sequence[np.ndarray]) -> np.ndarray:
-    """The label of each pixel: of who is nearest, where the masks of several meet."""
+def garment_masks(recording: Recording, frame: int, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Per camera (height, width) bool: the pixels of the ``masks`` of a frame that show the garment that is worn.
+
+    A ValueError where none is worn.
+    """
+    if recording.worn is None:
+        raise ValueError("nobody wears a garment")
+    vertices, face, rig = recording.vertices(frame), recording.body.skin.face, recording.rig
+    cloth = recording.worn[face].all(axis=1)
+    surfaces = [Surface.of(face[~cloth]), Surface.of(face[cloth])]
+    outlines = [draw_outlines(rig, vertices, surface) for surface in surfaces]
+    facing = [surface.facing(vertices, rig.centres) for surface in surfaces]
+    worn = []
+    for k, mask in enumerate(masks):
+        seen = [_seen(rig, k, _points(vertices[each.face[of[k]]])) for each, of in zip(surfaces, facing, strict=True)]
+        labels = _nearest([of_surface[k] for of_surface in outlines], seen)
+        # What a halo adds beside the garment is the garment's.
+        about = cv2.dilate((labels == _WORN).astype(np.uint8), np.ones((2 * _HALO + 1, 2 * _HALO + 1))) > 0
+        worn.append(mask & about & (labels != _SKIN))
+    return worn
+
+
+def _points(corner: np.ndarray) -> np.ndarray:
+    """(point, 3) spread over quads (quad, 4, 3)."""
+    along = (np.arange(_SPREAD) + 0.5) / _SPREAD
+    first, second = (each.ravel() for each in np.meshgrid(along, along))
+    share = np.stack([(1 - first) * (1 - second), first * (1 - second), first * second, (1 - first) * second], axis=1)
+    return (share @ corner).reshape(-1, 3)
+
+
+def _seen(rig: CameraRig, k: int, skin: np.ndarray) -> np.ndarray:
+    """(point, 3) column and row in a view [px], and depth [m]."""
+    seen = skin @ rig.R[k].T + rig.t[k]
+    image = seen @ rig.K[k].T
+    return np.column_stack([image[:, :2] / image[:, 2:], seen[:, 2]])
+
+
+def _nearest(masks: Sequence[np.ndarray], seen: Sequence[np.ndarray]) -> np.ndarray:
+    """The label of each pixel of a view, from the masks and vertices of the surfaces in it."""
     from scipy.spatial import cKDTree
 
     labels = np.zeros(masks[0].shape, np.uint8)

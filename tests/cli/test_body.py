@@ -89,9 +89,9 @@ def test_show_draws_and_lists_how_joints_turn(tmp_path: Path, creature: Path, ca
     import cv2
 
     told = run(capsys, "body", "show", creature, "-o", tmp_path / "creature.png")
-    assert told["parent"]["foot_L"] == "shin_L"
-    assert list(told["limits_deg"]["shin_L"]) == ["x"]
-    assert told["limits_deg"]["head_end"] == {}
+    assert told["parent"]["foot.L"] == "shin.L"
+    assert list(told["limits_deg"]["shin.L"]) == ["x"]
+    assert told["limits_deg"]["head end"] == {}
     assert told["motions"] == {"Nod": 31}
     picture = cv2.imread(str(tmp_path / "creature.png"))
     assert picture.shape[0] > 400
@@ -105,5 +105,5 @@ def test_a_fit_of_a_made_scene_starts_from_the_body_that_was_recorded(tmp_path: 
     creature.unlink()
     named = load_scene(scene).body
     assert named is not None
-    assert read_body(named).skeleton.joints[-1] == "head_end"
+    assert read_body(named).skeleton.joints[-1] == "head end"
     assert list(read_motions(named)) == ["Nod"]

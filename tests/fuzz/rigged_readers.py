@@ -53,7 +53,7 @@ def _write_mjcf(folder: Path) -> None:
 def _write_joints(folder: Path) -> None:
     (folder / "joints.toml").write_text(
         'root = "fixed"\n[joints.head]\nfree = "xy"\nhinge = [0, 1, 0.5]\nx = [-70, 70.5]\n'
-        '[joints.foot_L]\nfree = ""\nparent = "hips"\n'
+        '[joints."foot.L"]\nfree = ""\nparent = "hips"\n'
     )
 
 

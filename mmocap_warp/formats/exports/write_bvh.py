@@ -40,7 +40,8 @@ def _hierarchy(tracks: Tracks, has_place: np.ndarray, joint: int, indent: str) -
     # The root's channels hold its whole place: some programs add the offset to it, others put it in the offset's place.
     offset = start - (start if parent < 0 else tracks.bind[parent, :3, 3])
     channels = f"6 {_POSITIONS} {_ROTATIONS}" if has_place[joint] else f"3 {_ROTATIONS}"
-    lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {skeleton.joints[joint]}", "{", _offset(offset)]
+    name = "_".join(skeleton.joints[joint].split())  # a blank ends a name
+    lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {name}", "{", _offset(offset)]
     lines.append(f"  CHANNELS {channels}")
     joints = [joint]
     for child in (child for child, above in enumerate(skeleton.parent) if above == joint):

@@ -56,9 +56,10 @@ def _read_character(
     bind = np.array(skeleton.GetBindTransformsAttr().Get(), float).reshape(-1, 4, 4).swapaxes(1, 2)
     if len(bind) != len(paths) or not np.isfinite(bind).all():
         raise ValueError("its bindTransforms are not one for each joint")
-    # Joints are named by their own names, or by their paths where two share a name.
-    own = {str(joint).rsplit("/", 1)[-1] for joint in paths}
-    names = tuple(name.rsplit("/", 1)[-1] if len(own) == len(paths) else name.replace("/", "_") for name in paths)
+    # Joints are named as the file calls them, else by their own names, or by their paths where two share a name.
+    called, own = map(str, skeleton.GetJointNamesAttr().Get() or ()), (name.rsplit("/", 1)[-1] for name in paths)
+    choices = tuple(called), tuple(own), tuple(name.replace("/", "_") for name in paths)
+    names = next((each for each in choices if len({*each}) == len(each) == len(paths)), choices[-1])
 
     # The skeleton's place in the stage, which may change with time, counts for joints and skin.
     place = UsdGeom.XformCache().GetLocalToWorldTransform

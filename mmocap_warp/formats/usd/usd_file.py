@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, Self, TypeVar
@@ -82,6 +82,18 @@ def export_root(stage: Usd.Stage, file: Path) -> None:
         stage.GetRootLayer().Export(native_path(file))
     except Tf.ErrorException as error:
         raise OSError(error.args[0].commentary) from error
+
+
+def valid_names(names: Iterable[str], taken: Sequence[str] = ()) -> dict[str, str]:
+    """Names that USD takes, by the names that are given: each another, and none of those ``taken``."""
+    valid: dict[str, str] = {}
+    for name in names:
+        kept = "".join(letter if Sdf.Path.IsValidIdentifier(f"_{letter}") else "_" for letter in name)
+        kept = kept if Sdf.Path.IsValidIdentifier(kept) else f"_{kept}"
+        while kept in (*taken, *valid.values()):
+            kept += "_"
+        valid[name] = kept
+    return valid
 
 
 class PrimReader:

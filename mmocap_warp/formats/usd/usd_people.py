@@ -12,7 +12,7 @@ from pathlib import Path
 from pxr import Sdf, Usd
 
 from mmocap_warp.formats.usd import usd_file
-from mmocap_warp.formats.usd.usd_result import PEOPLE, new_world, prim_names
+from mmocap_warp.formats.usd.usd_result import PEOPLE, PRIMS_OF_ALL, new_world
 from mmocap_warp.result.result import Result
 
 _REMEDY = "track the people again"
@@ -28,7 +28,8 @@ def write_people(path: Path, people: dict[str, tuple[Path, Result]]) -> None:
     usd_file.set_time_range(stage, first.frame_numbers, first.fps)
     layer = Sdf.Layer.CreateAnonymous()
     layer.TransferContent(stage.GetRootLayer())
-    bodies = [(prim, name, people[name][1].subject.body.name) for name, prim in prim_names(people).items()]
+    prims = usd_file.valid_names(people, PRIMS_OF_ALL)
+    bodies = [(prim, name, people[name][1].subject.body.name) for name, prim in prims.items()]
     for prim, name, target in (*bodies, ("Cameras", next(iter(files)), "Cameras")):
         spec = Sdf.CreatePrimInLayer(layer, f"/World/{prim}")
         spec.specifier = Sdf.SpecifierDef

@@ -12,13 +12,13 @@ Layout, with the recording's frame number as time code::
 
 import json
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
-from pxr import Kind, Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
+from pxr import Kind, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
 from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.body.posing import Poser, blocks
@@ -35,6 +35,8 @@ VERSION = 2
 
 PEOPLE = "mmocap:people"
 """The attribute of ``/World`` that a file of several people has; ``usd_people`` writes it."""
+PRIMS_OF_ALL = ("Cameras", "Tracking")
+"""Names of prims of ``/World`` that are no body's."""
 
 _SAMPLED = {name: f"mmocap:{name}" for name in ("pose", "cost", "iou", "evaluations")}  # attributes by arrays
 _OPTIONAL = {"raw_pose": "mmocap:rawPose", "angle_sigma": "mmocap:angleSigma", "joint_sigma": "mmocap:jointSigma"}
@@ -156,7 +158,7 @@ def export_animation(result: Result | Mapping[str, Result], path: str | Path) ->
     ``.usdc`` or ``.usdz``. Results may be several, by people's names, which their bodies' prims have.
     """
     people = {result.subject.body.name: result} if isinstance(result, Result) else result
-    bodies = {name: people[person] for person, name in prim_names(people).items()}
+    bodies = {name: people[person] for person, name in usd_file.valid_names(people, PRIMS_OF_ALL).items()}
     cameras = next(iter(bodies.values())).cameras
     stage = new_world(cameras.up)
     roots = [define_body(stage, f"/World/{name}", each.subject.body) for name, each in bodies.items()]
@@ -195,18 +197,6 @@ def new_world(up: str) -> Usd.Stage:
     Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
     usd_file.set_world_up(stage, world, up)
     return stage
-
-
-def prim_names(people: Iterable[str]) -> dict[str, str]:
-    """The names of people's prims, by the people's own: such as USD takes, and each another."""
-    names: dict[str, str] = {}
-    for person in people:
-        name = "".join(letter if letter.isalnum() else "_" for letter in person)
-        name = name if Sdf.Path.IsValidIdentifier(name) else f"_{name}"
-        while name in ("Cameras", "Tracking", *names.values()):
-            name += "_"
-        names[person] = name
-    return names
 
 
 def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:

@@ -8,16 +8,17 @@ from pxr import Sdf, Usd, Vt
 
 from mmocap_warp.body.skeleton import Skeleton, coordinate_names
 from mmocap_warp.errors import input_errors
-from mmocap_warp.formats.usd.usd_file import PrimReader, author
+from mmocap_warp.formats.usd.usd_file import PrimReader, author, valid_names
 
 _ROTATION_TOLERANCE = 1e-3
 
 
 def joint_paths(skeleton: Skeleton) -> list[str]:
-    """USD's names of the joints: each joint's path from the root, such as ``Root/LHip/LKnee``."""
+    """USD's names of the joints: each joint's path from the root, such as ``Root/LHip/LKnee``, as far as it may be."""
     paths: list[str] = []
+    names = valid_names(skeleton.joints)
     for joint, parent in zip(skeleton.joints, skeleton.parent, strict=True):
-        paths.append(joint if parent < 0 else f"{paths[parent]}/{joint}")
+        paths.append(names[joint] if parent < 0 else f"{paths[parent]}/{names[joint]}")
     return paths
 
 
@@ -44,8 +45,10 @@ def define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
 def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     """The skeleton, and the joints' centres (joint, 3) float32 in the bind pose [m]."""
     paths = read.texts("joints")
-    joints = tuple(path.rsplit("/", 1)[-1] for path in paths)
-    read.require(len(set(joints)) == len(joints), "two joints share a name")
+    called, own = read.texts("jointNames", optional=True), [path.rsplit("/", 1)[-1] for path in paths]
+    joints = tuple(called if len(called) == len(paths) else own)
+    read.require(len({*joints}) == len({*paths}) == len(paths), "two joints share a name")
+    read.require("".join(joints).isprintable(), "a joint's name cannot be printed")
     # Each joint hangs on the one whose path is its own without the last part.
     numbers = {path: j for j, path in enumerate(paths)}
     above = [path.rpartition("/")[0] for path in paths]

@@ -31,11 +31,10 @@ def skin_of(mesh: RiggedMesh) -> np.ndarray:
 
 
 def with_named_joints(mesh: RiggedMesh) -> RiggedMesh:
-    """The mesh with names of joints that are valid in USD and all different."""
+    """The mesh with names of joints that can be printed and are all different."""
     names: list[str] = []
     for joint in mesh.joints:
-        name = re.sub(r"[^A-Za-z0-9_]", "_", joint)
-        name = name if name[:1].isalpha() or name[:1] == "_" else f"_{name}"
+        name = "".join(letter if letter.isprintable() else "_" for letter in joint) or "joint"
         free = (name if i == 1 else f"{name}_{i}" for i in range(1, len(mesh.joints) + 1))
         names.append(next(each for each in free if each not in names))
     return replace(mesh, joints=tuple(names))
@@ -316,8 +315,11 @@ def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
 def _sides(one: str, other: str) -> str:
     """``lr`` or ``rl`` where two names differ in the side alone, ``same`` where they do not differ, else nothing."""
     *_, mine, others = _differing_parts(one, other)
-    sides = {("l", "r"): "lr", ("lef", "righ"): "lr", ("r", "l"): "rl", ("righ", "lef"): "rl", ("", ""): "same"}
-    return sides.get((mine.lower(), others.lower()), "")
+    mine, others = mine.lower(), others.lower()
+    left_right = {("l", "r"), ("lef", "righ"), ("左", "右")}
+    if (mine, others) in left_right:
+        return "lr"
+    return "rl" if (others, mine) in left_right else "" if mine + others else "same"
 
 
 def _common_name(one: str, other: str) -> str:

@@ -1,5 +1,6 @@
 """How joints move, as a short TOML file that people edit: written from what was found, read in its place."""
 
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.formats.toml_table import Table, load_toml, quoted
 from mmocap_warp.rigging.importing.freedom import Freedom, hinge_frame
 from mmocap_warp.whole_file import write_whole
 
@@ -117,9 +118,10 @@ def write_joints_file(path: str | Path, body: BodyModel, freedom: list[Freedom],
     rigid, stands = str(body.rigid).lower(), str(body.skeleton.stands).lower()
     lines = [_ABOUT.format(name=body.name), f'root = "{root}"\nrigid = {rigid}\nstands = {stands}\n']
     for joint, how in list(zip(body.skeleton.joints, freedom, strict=True))[1:]:
-        lines.append(f'\n[joints.{joint}]  # {how.origin}\nfree = "{how.free}"\n')
+        key = joint if re.fullmatch(r"[A-Za-z0-9_-]+", joint) else quoted(joint)
+        lines.append(f'\n[joints.{key}]  # {how.origin}\nfree = "{how.free}"\n')
         if joint in parents:
-            lines.append(f'parent = "{parents[joint]}"\n')
+            lines.append(f"parent = {quoted(parents[joint])}\n")
         if how.slides:
             lines.append("slides = true\n")
         if how.slides or how.origin[:5] in ("given", "hinge"):  # an axis that cannot be derived from bones

@@ -103,8 +103,8 @@ def test_feet_that_hang_on_the_root_are_hung_on_what_they_move_with(tmp_path: Pa
     mesh = replace(mesh, parent=tuple(parent), motions={"Stride": RiggedMotion(30.0, world)})
     made = imported(mesh, "creature")
     skeleton = made.body.skeleton
-    assert skeleton.joints[skeleton.parent[skeleton.index("foot_L")]] == "shin_L"
-    assert any("foot_L moves with shin_L, not with armature" in note for note in made.notes)
+    assert skeleton.joints[skeleton.parent[skeleton.index("foot.L")]] == "shin.L"
+    assert any("foot.L moves with shin.L, not with armature" in note for note in made.notes)
     assert any("joints within 0.0 mm" in note for note in made.notes)
 
 
@@ -130,10 +130,10 @@ def test_held_joints_and_limits_are_as_the_files_motions_have_them(tmp_path: Pat
         world[:, joint, :3, 3] = world[:, mesh.parent[joint], :3, 3] + applied(above, shift)
         world[:, joint, :3, :3] = turned[joint] @ mesh.bind[joint, :3, :3]
     mesh = replace(mesh, motions={"Kick": RiggedMotion(30.0, world)})
-    held = GivenJoints("", joints={"foot_L": GivenJoint("", None, {}, None, None)})
+    held = GivenJoints("", joints={"foot.L": GivenJoint("", None, {}, None, None)})
     made = imported(mesh, "creature", joints=held)
     skeleton, pose = made.body.skeleton, made.motions["Kick"].pose
-    np.testing.assert_allclose(pose[:, skeleton.angles("foot_L")], 0, atol=1e-6)
+    np.testing.assert_allclose(pose[:, skeleton.angles("foot.L")], 0, atol=1e-6)
     low, high = skeleton.coordinate_limits[skeleton.searched()].T
     seen = pose[:, skeleton.searched()]
     assert ((low <= seen) & (seen <= high)).all()
@@ -247,4 +247,4 @@ def test_fingers_are_held_and_no_more_is_searched_than_a_tracker_can(tmp_path: P
     assert 90 < len(searched) <= MOST_SEARCHED == descent.MOST_SEARCHED
     held = [note for note in made.notes if note.startswith("held:")]
     assert len(held) == 2
-    assert "finger_L, finger_R, too fine for masks" in held[0]
+    assert "finger.L, finger.R, too fine for masks" in held[0]

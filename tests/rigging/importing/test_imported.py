@@ -12,9 +12,13 @@ from made_up_rigs import ROBOT, write_creature
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.exports.glb import write_body_glb
 from mmocap_warp.formats.rigged.gltf import read_gltf
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 from mmocap_warp.formats.rigged.urdf import read_urdf
+from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
+from mmocap_warp.formats.usd.usd_body import read_body, write_body
+from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.rigging.importing.imported import Imported, imported
 from mmocap_warp.rigging.importing.joint_tree import mirrored_pairs, with_one_root
 from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_joints_file
@@ -34,19 +38,38 @@ def test_the_root_is_the_first_joint_that_skin_follows(made: Imported) -> None:
     joints = made.body.skeleton.joints
     assert joints[0] == "hips"
     assert "armature" not in joints
-    assert set(joints) == {"hips", "leg_L", "shin_L", "foot_L", "leg_R", "shin_R", "foot_R", "head", "head_end"}
+    assert set(joints) == {"hips", "leg.L", "shin.L", "foot.L", "leg.R", "shin.R", "foot.R", "head", "head end"}
     assert any("armature" in note for note in made.notes)
+
+
+def test_joints_keep_the_files_names_in_every_format(creature: RiggedMesh, tmp_path: Path) -> None:
+    new = {"leg.L": "左 足", "leg.R": "右 足", "head": "a/b:c", "head end": "line\nend", "foot.R": "foot.L"}
+    mesh = replace(creature, joints=tuple(new.get(name, name) for name in creature.joints))
+    body = imported(mesh, "creature").body
+    names = body.skeleton.joints
+    assert {"左 足", "右 足", "a/b:c", "line_end", "foot.L", "foot.L_2"} < set(names)
+    assert ("足", "左 足", "右 足") in [(name.strip(), *pair) for name, *pair in body.skeleton.pairs]
+    write_body(tmp_path / "body.usdc", body)
+    assert read_body(tmp_path / "body.usdc").skeleton.joints == names
+    assert not faults(tmp_path / "body.usdc")
+    again = read_usd_skel(tmp_path / "body.usdc")
+    assert again.joints == names
+    write_body_glb(body, {}, tmp_path / "body.glb")
+    assert [name for name in read_gltf(tmp_path / "body.glb").joints if name in names] == list(names)
+    freedom = imported(mesh, "creature").freedom
+    write_joints_file(tmp_path / "joints.toml", body, freedom, {"左 足": "hips"})
+    assert read_joints_file(tmp_path / "joints.toml").joints["左 足"].parent == "hips"
 
 
 def test_limbs_are_hinges_about_the_normal_of_their_bend(made: Imported) -> None:
     skeleton = made.body.skeleton
     free = dict(zip(skeleton.joints, (how.free for how in made.freedom), strict=True))
-    assert free == {"hips": "xyz", "leg_L": "xyz", "shin_L": "x", "foot_L": "x", "leg_R": "xyz", "shin_R": "x"} | {
-        "foot_R": "x",
+    assert free == {"hips": "xyz", "leg.L": "xyz", "shin.L": "x", "foot.L": "x", "leg.R": "xyz", "shin.R": "x"} | {
+        "foot.R": "x",
         "head": "xyz",
-        "head_end": "",
+        "head end": "",
     }
-    for shin in ("shin_L", "shin_R"):
+    for shin in ("shin.L", "shin.R"):
         joint = skeleton.index(shin)
         np.testing.assert_allclose(np.abs(skeleton.frame[joint, :, 0]), (1, 0, 0), atol=1e-6)
         lower, upper = skeleton.limits[joint, 0]
@@ -60,19 +83,19 @@ def test_a_hinge_bends_on_where_the_limb_is_bent(made: Imported) -> None:
     body, skeleton = made.body, made.body.skeleton
     pose = np.zeros((2, skeleton.coordinates))
     pose[:, :3] = body.joint_rest[0]
-    pose[1, skeleton.angles("shin_L").start] = 0.4
+    pose[1, skeleton.angles("shin.L").start] = 0.4
     place = Poser(body, np.eye(3)).joint_transforms(pose)[:, :, :3, 3]
-    apart = np.linalg.norm(place[:, skeleton.index("foot_L")] - place[:, skeleton.index("leg_L")], axis=1)
+    apart = np.linalg.norm(place[:, skeleton.index("foot.L")] - place[:, skeleton.index("leg.L")], axis=1)
     assert apart[1] < apart[0] - 0.02
 
 
 def test_pairs_and_parts_come_from_places_and_the_tree(made: Imported) -> None:
     skeleton = made.body.skeleton
     assert {(left, right) for _, left, right in skeleton.pairs} == {
-        ("leg_L", "leg_R"), ("shin_L", "shin_R"), ("foot_L", "foot_R"),
+        ("leg.L", "leg.R"), ("shin.L", "shin.R"), ("foot.L", "foot.R"),
     }  # fmt: skip
-    assert skeleton.parts == ("hips", "leg_L", "leg_R", "head")
-    assert skeleton.parts[skeleton.part[skeleton.index("foot_R")]] == "leg_R"
+    assert skeleton.parts == ("hips", "leg.L", "leg.R", "head")
+    assert skeleton.parts[skeleton.part[skeleton.index("foot.R")]] == "leg.R"
 
 
 def test_what_faces_backwards_is_told(creature: RiggedMesh) -> None:
@@ -158,7 +181,7 @@ def test_motions_move_the_bodys_joints_as_the_files(creature: RiggedMesh, made: 
     nod = made.motions["Nod"]
     place = Poser(made.body, np.eye(3)).joint_transforms(nod.pose)[:, :, :3, 3]
     theirs = creature.motions["Nod"].world[:, [creature.joints.index(name) for name in ("hips", "head", "head end")]]
-    mine = place[:, [made.body.skeleton.index(name) for name in ("hips", "head", "head_end")]]
+    mine = place[:, [made.body.skeleton.index(name) for name in ("hips", "head", "head end")]]
     np.testing.assert_allclose(mine, theirs[..., :3, 3], atol=1e-5)
 
 
@@ -169,14 +192,14 @@ def test_a_joints_file_takes_the_place_of_what_is_derived(tmp_path: Path, creatu
     np.testing.assert_allclose(again.body.skeleton.limits, made.body.skeleton.limits, atol=1e-3)
     np.testing.assert_array_equal(again.body.skeleton.searched(), made.body.skeleton.searched())
     path.write_text(
-        'root = "fixed"\n[joints.head]\nfree = "x"\nhinge = [0, 1, 0]\nx = [-70, 70]\n[joints.foot_L]\nfree = ""\n'
-        '[joints.foot_R]\nfree = "xy"\nparent = "hips"\n'
+        'root = "fixed"\n[joints.head]\nfree = "x"\nhinge = [0, 1, 0]\nx = [-70, 70]\n[joints."foot.L"]\nfree = ""\n'
+        '[joints."foot.R"]\nfree = "xy"\nparent = "hips"\n'
     )
     given = imported(creature, "creature", joints=read_joints_file(path)).body.skeleton
     names = [given.coordinate_names[i] for i in given.searched()]
-    assert not any(name.startswith(("T", "hips", "foot_L")) for name in names)
-    assert "foot_R.Ry" in names
-    assert given.joints[given.parent[given.index("foot_R")]] == "hips"
+    assert not any(name.startswith(("T", "hips", "foot.L")) for name in names)
+    assert "foot.R.Ry" in names
+    assert given.joints[given.parent[given.index("foot.R")]] == "hips"
     np.testing.assert_allclose(given.frame[given.index("head"), :, 0], (0, 1, 0), atol=1e-6)
     np.testing.assert_allclose(given.limits[given.index("head"), 0], np.radians([-70, 70]), rtol=1e-6)
 

@@ -46,10 +46,10 @@ def on_the_armature(tmp_path: Path, stretch: float = 0.0) -> RiggedMesh:
 def test_a_foot_is_hung_on_its_shin_though_a_frame_stretches_the_ankle(tmp_path: Path) -> None:
     made = imported(on_the_armature(tmp_path, stretch=0.1), "creature")
     skeleton = made.body.skeleton
-    assert skeleton.joints[skeleton.parent[skeleton.index("foot_L")]] == "shin_L"
+    assert skeleton.joints[skeleton.parent[skeleton.index("foot.L")]] == "shin.L"
     (note,) = (note for note in made.notes if note.startswith("motion Stride"))
     assert "joints within 100.0 mm" in note
-    assert "foot_L is" in note
+    assert "foot.L is" in note
     assert not made.fault
 
 
@@ -108,7 +108,7 @@ def test_the_outline_is_compared_with_the_skin_that_the_files_joints_move(tmp_pa
     motion.world[[*range(middle), *range(middle + 3, len(motion.world))], head, :3, 3] += (0.6, 0.0, 0.0)
     moved = imported(mesh, "creature")
     assert moved.outline.overlap > SAME_OUTLINE
-    assert any(note.startswith("bones to head, head_end are as its motions have them") for note in moved.notes)
+    assert any(note.startswith("bones to head, head end are as its motions have them") for note in moved.notes)
     assert any("joints within 0.0 mm" in note for note in moved.notes)
     assert off.outline.overlap < SAME_OUTLINE
     assert off.outline.view.startswith("in motion Stride from ")

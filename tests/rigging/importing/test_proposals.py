@@ -50,14 +50,14 @@ def made(walker: RiggedMesh) -> Imported:
 def test_what_motions_propose_goes_through_a_joints_file(tmp_path: Path, walker: RiggedMesh, made: Imported) -> None:
     proposals = [note for note in made.notes if "propose" in note]
     assert proposals == [
-        "its motions propose: foot_L, foot_R held, shin_L, shin_R hinges (24 -> 14 angles); "
+        "its motions propose: foot.L, foot.R held, shin.L, shin.R hinges (24 -> 14 angles); "
         "--write-joints FILE.toml writes it to be edited, --joints FILE.toml reads it"
     ]
     path = tmp_path / "joints.toml"
     write_joints_file(path, made.body, made.proposed, made.parents)
     text = path.read_text()
-    assert '[joints.foot_L]  # held, as no motion turns it\nfree = ""\nparent = "shin_L"\n' in text
-    assert '[joints.shin_R]  # hinge, as motions turn it about one axis\nfree = "x"\nhinge = [0, 0, 1]\n' in text
+    assert '[joints."foot.L"]  # held, as no motion turns it\nfree = ""\nparent = "shin.L"\n' in text
+    assert '[joints."shin.R"]  # hinge, as motions turn it about one axis\nfree = "x"\nhinge = [0, 0, 1]\n' in text
     again = imported(walker, "creature", joints=read_joints_file(path))
     assert len(again.body.skeleton.searched()) == len(made.body.skeleton.searched()) - 10
     assert again.body.skeleton.parent == made.body.skeleton.parent
@@ -131,9 +131,9 @@ def bending(folder: Path, joint: str, axis: str) -> RiggedMesh:
 @pytest.mark.parametrize(
     ("joint", "axis", "free"),
     [
-        ("shin.R", "x", {"shin_R": "x", "leg_L": "", "shin_L": "xyz"}),  # a handle that none turns begins no limb
-        ("shin.R", "z", {"shin_R": "xyz", "leg_L": "", "shin_L": "xyz"}),  # bones say hinge, motions say otherwise
-        ("leg.L", "x", {"shin_R": "x", "leg_L": "xyz", "shin_L": "x"}),
+        ("shin.R", "x", {"shin.R": "x", "leg.L": "", "shin.L": "xyz"}),  # a handle that none turns begins no limb
+        ("shin.R", "z", {"shin.R": "xyz", "leg.L": "", "shin.L": "xyz"}),  # bones say hinge, motions say otherwise
+        ("leg.L", "x", {"shin.R": "x", "leg.L": "xyz", "shin.L": "x"}),
     ],
 )
 def test_motions_tell_hinges_and_handles(tmp_path: Path, joint: str, axis: str, free: dict[str, str]) -> None:

@@ -263,10 +263,13 @@ def _read_primitive(document: _Document, primitive: dict[str, Any], joints: list
     if isinstance(joints, int):
         joint, weight, joints = np.zeros((len(vertex), 1), np.int64), np.ones((len(vertex), 1)), [joints]
     else:
-        sets = [i for i in range(len(attributes)) if f"JOINTS_{i}" in attributes]
+        if not (sets := [i for i in range(len(attributes)) if f"JOINTS_{i}" in attributes]):
+            raise ValueError("a mesh has a skin, but neither JOINTS_0 nor WEIGHTS_0")
         joint = np.concatenate([document.array(attributes[f"JOINTS_{i}"]) for i in sets], axis=1).astype(np.int64)
         weight = np.concatenate([document.array(attributes[f"WEIGHTS_{i}"]) for i in sets], axis=1).astype(np.float64)
         weight[np.isnan(weight)] = 0.0  # exporters divide the weights of loose vertices by their sum of zero
+        if joint.max(initial=0) >= len(joints):
+            raise ValueError(f"a vertex follows joint {joint.max()} of a skin that has {len(joints)}")
     sound = vertex.shape[1] == 3 and joint.shape == weight.shape and len(joint) == len(vertex)
     if not sound or not np.isfinite(vertex).all() or not np.isfinite(weight).all() or (weight < 0).any():
         raise ValueError("a mesh's vertices and weights do not fit together, or are not finite")

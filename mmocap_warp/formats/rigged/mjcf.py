@@ -128,10 +128,10 @@ def _read_robot(model: Any, name: str, path: Path, character: str | None) -> Rig
         number[body] = number[above[body]]
         for joint in (joint for joint in moving if of_joint[joint] == body):
             kind = model.jnt_type[joint]
-            if kind != mjtJoint.mjJNT_BALL:
-                limits = model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]
-                lower, upper = limits if model.jnt_limited[joint] else (-np.inf, np.inf)
-                axes[len(names)] = JointAxis(data.xaxis[joint].copy(), lower, upper, kind == mjtJoint.mjJNT_SLIDE)
+            ball = kind == mjtJoint.mjJNT_BALL
+            limits = model.jnt_range[joint] - (0 if ball else model.qpos0[model.jnt_qposadr[joint]])
+            lower, upper = limits if model.jnt_limited[joint] else (-np.inf, np.inf)
+            axes[len(names)] = JointAxis(data.xaxis[joint].copy(), lower, upper, kind == mjtJoint.mjJNT_SLIDE, ball)
             parent.append(number[body])
             number[body] = len(names)
             names.append(model.joint(joint).name or model.body(body).name or "joint")

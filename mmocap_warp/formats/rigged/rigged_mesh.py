@@ -20,6 +20,7 @@ class JointAxis:
     lower: float = -np.inf
     upper: float = np.inf
     slides: bool = False  # whether the joint slides instead of turning
+    ball: bool = False  # whether it turns about any axis, by ``upper`` at most
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ _STAYS = ("fixed", "floating", "planar")
 def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
     """Read a robot with all joints at zero: a joint for each link that turns or slides, followed by all fixed to it.
 
-    Planar joints stay where they are. Visual geometry is taken, collision geometry where a robot has no other. Meshes,
+    Planar joints stay where they are. Visual geometry is taken, collision geometry of links without. Meshes,
     ``package://`` and paths, are looked up by their last parts in the folder ``meshes``, which is the file's own where
     omitted, and no file elsewhere is opened.
     """
@@ -116,12 +116,11 @@ def _read_geometry(
 ) -> Skin:
     """The robot at zero angles; each vertex follows one joint."""
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]] = []
-    for shown in ("visual", "collision"):
-        for link, element in links.items() if not parts else ():
-            for shape in element.findall(shown):
-                place = world[link] @ _origin(shape)
-                for vertex, face in _read_shapes(shape, path, folder):
-                    parts.append((vertex, face, place[:3, :3], place[:3, 3], of_link[link]))
+    for link, element in links.items():
+        for shape in element.findall("visual") or element.findall("collision"):
+            place = world[link] @ _origin(shape)
+            for vertex, face in _read_shapes(shape, path, folder):
+                parts.append((vertex, face, place[:3, :3], place[:3, 3], of_link[link]))
     return rigid_skin(parts, path)
 
 
@@ -154,7 +153,10 @@ def _origin(element: Element) -> np.ndarray:
 
 
 def _numbers(text: str, count: int) -> np.ndarray:
-    values = np.array([float(word) for word in text.split()])
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.array([])
     if len(values) != count or not np.isfinite(values).all():
         raise ValueError(f"'{text}' is not {count} numbers")
     return values

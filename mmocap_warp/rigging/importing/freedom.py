@@ -75,6 +75,9 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
         if joint == 0:
             free = "" if mesh.rigid and not mesh.roams and _is_one_chain(mesh) else "xyz"
             freedoms.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
+        elif joint in mesh.axes and mesh.axes[joint].ball:
+            reach = np.minimum(mesh.axes[joint].upper, _FARTHEST)
+            freedoms.append(replace(_ball(place[joint], ends[joint], *reach[:2]), origin="file"))
         elif joint in mesh.axes:
             how, limits = mesh.axes[joint], np.zeros((3, 2))
             limits[0] = how.lower, how.upper

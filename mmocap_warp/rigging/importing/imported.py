@@ -8,6 +8,7 @@ from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh
 from mmocap_warp.body.rotations import applied, axis_vector, continuous_zyx_angles, nearest_rotation, transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
 from mmocap_warp.cameras.rig import UP_AXES
+from mmocap_warp.errors import input_errors
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.rigging.decimation import decimate
 from mmocap_warp.rigging.importing import closing, joint_tree
@@ -74,7 +75,9 @@ def imported(
     given = joints or GivenJoints("")
     mesh = in_body_axes(joint_tree.with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
     hung = _parents(mesh)
-    mesh = joint_tree.with_moving_parents(joint_tree.with_parents(mesh, given.parents), given.parents)
+    with input_errors(given.source, "{error}", "name joints that lead to the root by [joints.NAME] parent", ValueError):
+        mesh = joint_tree.with_parents(mesh, given.parents)
+    mesh = joint_tree.with_moving_parents(mesh, given.parents)
     mesh = closing.weighted(closing.welded(joint_tree.with_one_root(mesh)))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")

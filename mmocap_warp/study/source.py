@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from itertools import islice
@@ -46,6 +46,7 @@ class ClipFacts(NamedTuple):
 
     identity: str  # a hash of what a result depends on, the same on any machine
     frames: int  # their number
+    models: Collection[int] = ()  # degrees of freedom that the body of a scene's subject may have
 
 
 @dataclass(frozen=True)
@@ -74,11 +75,13 @@ def clip_facts(clip: Clip) -> ClipFacts:
         _check_shipped(clip, CLIP_PLANS)
         own = {"subject": file_hash([clip.subject])} if clip.subject else {}
         return _facts(clip, CLIP_PLANS[clip.name].frames, {"bodies": shipped_bodies()} | own)
+    from mmocap_warp.formats.usd.usd_body import read_subject
     from mmocap_warp.scene.scene_toml import load_scene
 
     scene = load_scene(clip.scene)
-    subject = file_hash([clip.subject or _subject_file(scene)])
-    return _facts(clip, scene.frame_count, recording_facts(scene) | {"subject": subject})
+    subject = clip.subject or _subject_file(scene)
+    facts = _facts(clip, scene.frame_count, recording_facts(scene) | {"subject": file_hash([subject])})
+    return facts._replace(models=[*read_subject(subject).body.skeleton.models])
 
 
 def recording_facts(scene: Scene) -> dict[str, Any]:

@@ -54,7 +54,10 @@ def plan_tasks(study: Study, folder: Path, device_kind: str) -> list[CellTask]:
     facts = {clip: clip_facts(clip) for clip in study.clips}
     tasks = []
     for plan in study.plans:
-        (identity, frames), cell, config = facts[plan.clip], plan.cell, plan.config
+        (identity, frames, models), cell, config = facts[plan.clip], plan.cell, plan.config
+        if models and cell.dof not in models:
+            problem = f"dof = {cell.dof} is no model of {cell.sequence}'s body, which has {', '.join(map(str, models))}"
+            raise InputError(study.name, problem, "give that sequence a [[grid]] of its own")
         code = code_of(config, plan.clip, plan.solved)
         job = Job(cell, plan.clip, identity, config, study.name, code, plan.solved)
         path = result_path(folder, cell, content_key(plan, identity, device_kind, code))

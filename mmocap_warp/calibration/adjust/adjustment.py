@@ -103,6 +103,7 @@ class Adjustment:
 
     def fit_body(self, change: np.ndarray) -> Subject:
         """The body in its first pose."""
+        self.footage.check_length()
         if self.config.subject is not None:
             return self.config.subject
         count = max(1, round(_FIT_SECONDS * self.footage.fps))

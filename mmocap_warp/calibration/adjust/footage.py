@@ -8,6 +8,7 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.rotations import between, transposed
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.repeats import frozen_views, repeated_views
 from mmocap_warp.scene.recording import Scene
@@ -32,6 +33,13 @@ class Footage:
         self.rig = scene.rig(self.scale)  # the cameras as they were calibrated, at the masks' size
         self._step = max(1, int(scene.rate / _RATE))
         self.fps = scene.rate / self._step  # of the frames that are used
+
+    def check_length(self) -> None:
+        """Raise an InputError for a clip in which no person can be tracked for long enough."""
+        needed, count = (2 * MIN_FRAMES - 1) * self._step + 1, self._scene.frame_count
+        if count < needed:
+            problem = f"has too few frames ({count}): cameras are compared by {needed} or more"
+            raise InputError(self._scene.path, problem, "give a longer clip, or take the cameras as they are given")
 
     def _first_frames(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(camera,) the number of each camera's first frame, if offsets grow by ``offset``, and the rest [s]."""

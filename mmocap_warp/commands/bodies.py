@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -103,6 +104,8 @@ def import_body(
         InputError: no body can be made of the file.
     """
     target = new_file(output, *USD_SUFFIXES, force=force)
+    if target.resolve() == Path(file).resolve():
+        raise InputError(file, "is the character, of which a body keeps less", "write elsewhere")
     joints_target = None if write_joints is None else new_file(write_joints, ".toml", force=force)
     picture = new_file(target.with_suffix(".outline.png"), ".png", force=force)
     # Read the file, and check what was said of it.
@@ -123,6 +126,10 @@ def import_body(
             mesh, identifier, up=up, facing=facing, scale=scale, joints=stated_joints,
             triangles=triangles, skin_triangles=skin_triangles,
         )  # fmt: skip
+    with suppress(InputError):  # another program's file
+        if Path(file).suffix.lower() in USD_SUFFIXES and (lost := read_motions(file)):
+            left = f"its motions {', '.join(lost)} are of the body that it was, and left out"
+            made = replace(made, notes=(*made.notes, left))
     if attribution is not None:
         made = replace(made, body=replace(made.body, attribution=attribution))
     if joint_set is not None:

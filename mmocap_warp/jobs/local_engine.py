@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -99,7 +99,7 @@ class LocalEngine(Engine):
         for seconds in _WAITS:
             time.sleep(seconds)
             process = self._context.Process(target=self._serve, args=(its, place, self._threads), daemon=True)
-            with suppress(EOFError, OSError):
+            with suppress(EOFError, OSError), _ctrl_c_waits():
                 process.start()
                 break
         else:
@@ -113,6 +113,19 @@ class LocalEngine(Engine):
         if seat.worker.is_alive():
             seat.worker.kill()
             seat.worker.join()
+
+
+@contextmanager
+def _ctrl_c_waits() -> Iterator[None]:
+    """Ctrl-C waits here, and for good in processes that are started: it would end their imports with a traceback."""
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def serve_jobs(make: MakeWorker, connection: Connection, device: str, threads: int | None) -> None:

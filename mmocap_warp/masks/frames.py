@@ -131,6 +131,8 @@ def open_video(path: Path) -> VideoFile:
         raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
     if path.suffix.lower() in IMAGE_SUFFIXES:  # of numbered ones OpenCV would make a video
         raise InputError(path, "is a single image", "name the folder of the images, one for each frame")
+    if not os.access(path, os.R_OK):
+        raise InputError(path, "cannot be read", "check its permissions")
     capture = cv2.VideoCapture(native_path(path))
     try:
         if not capture.isOpened() or not _next_frame(capture, False)[0]:

@@ -203,7 +203,11 @@ def _check_sources(
 
 def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, where: str) -> None:
     recorded = np.array(frames.size)
-    stated = "{} is {}x{}".format(frames.path, *frames.size)
+    files: list[Path] = list(getattr(frames, "files", ()))
+    stated = "{} is {}x{}".format(files[0] if len(files) == 1 else frames.path, *frames.size)
+    if source.video is not None and frames.size != source.video.size:
+        problem = "{}, and {} is {}x{}".format(stated, source.video.path, *source.video.size)
+        raise InputError(where, problem, "give images of the video's size")
     if source.recorded_scale == 1 and source.recorded_offset == (0.0, 0.0):
         if (recorded != size).any():
             by, offset = "...", "..."

@@ -185,7 +185,7 @@ def propose(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom]) -
     for joint in derived if len(seen) else []:
         turns = Rotation.from_matrix(seen[:, joint])
         vector, how, limits = turns.as_rotvec(), freedom[joint], np.zeros((3, 2))
-        axis = np.linalg.svd(vector)[2][0]
+        axis = np.linalg.svd(vector, full_matrices=False)[2][0]
         axis *= np.sign((vector @ axis).max() + (vector @ axis).min()) or 1.0  # it bends to the positive side
         about = vector @ axis
         limits[0] = (-_STRAIGHT, _CLOSED) if about.min() > -_EITHER_WAY else (-_HINGE, _HINGE)

@@ -1,7 +1,4 @@
-"""All device code: Warp arrays in, Warp arrays out. Knows no class of ``mmocap_warp``.
-
-May import: no other room.
-"""
+"""All device code: Warp arrays in, Warp arrays out. Knows no class of ``mmocap_warp``."""
 
 import threading
 from typing import Any

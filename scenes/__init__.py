@@ -1,7 +1,4 @@
-"""Bodies and scenes that ship with the package, as data files.
-
-May import: no other room.
-"""
+"""Bodies and scenes that ship with the package, as data files."""
 
 from pathlib import Path
 

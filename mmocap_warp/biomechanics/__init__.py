@@ -1,4 +1,1 @@
-"""What biomechanics asks of a result: joint angles, contacts and steps, centre of mass, lengths. docs/measures.md.
-
-May import: body, result.
-"""
+"""What biomechanics asks of a result: joint angles, contacts and steps, centre of mass, lengths. docs/measures.md."""

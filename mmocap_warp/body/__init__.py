@@ -1,4 +1,1 @@
-"""Bodies: the model, its poses, its shapes, meshes, rotations, and points on its skin.
-
-May import: kernels.
-"""
+"""Bodies: the model, its poses, its shapes, meshes, rotations, and points on its skin."""

@@ -1,4 +1,1 @@
-"""Calibration from the person: which camera is wrong, cameras made better or found from nothing, and their times.
-
-May import: device, body, cameras, masks, result, formats, scene, contour, tracking, fitting.
-"""
+"""Calibration from the person: which camera is wrong, cameras made better or found from nothing, and their times."""

@@ -1,4 +1,1 @@
-"""Calibrated cameras: the rig, its lenses, undistortion, and pictures of projected meshes.
-
-May import: no other room.
-"""
+"""Calibrated cameras: the rig, its lenses, undistortion, and pictures of projected meshes."""

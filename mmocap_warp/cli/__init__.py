@@ -1,8 +1,6 @@
 """The ``mmocap`` command line: a module per command, loaded when that command is called.
 
 Nothing here imports Warp, USD or OpenCV, so that ``mmocap --help`` answers at once.
-
-May import: every other room.
 """
 
 import atexit

@@ -1,7 +1,4 @@
 """One function for each command: it takes objects or paths, does all of the work, and gives back what it made.
 
 The command line parses, calls one of these functions and prints; ``import mmocap_warp as mm`` has the same functions.
-
-May import: device, jobs, body, cameras, masks, result, biomechanics, formats, scene, rigging, contour, tracking,
-fitting, calibration, display, synthesis, streaming, study, bench.
 """

@@ -1,4 +1,1 @@
-"""Where work runs: the chosen device, CPU threads, copies to and from a GPU, replays of captured graphs.
-
-May import: kernels.
-"""
+"""Where work runs: the chosen device, CPU threads, copies to and from a GPU, replays of captured graphs."""

@@ -1,5 +1,1 @@
-"""The subject of a recording: its place, heading and pose in the first frame, and its body from the first seconds.
-
-May import: kernels, device, body, cameras, masks, result, formats, scene, rigging, silhouettes, optimizers, contour,
-tracking.
-"""
+"""The subject of a recording: its place, heading and pose in the first frame, and its body from the first seconds."""

@@ -1,4 +1,1 @@
-"""Many jobs, done by processes of this machine or by a Ray cluster: each once, whatever dies on the way.
-
-May import: device.
-"""
+"""Many jobs, done by processes of this machine or by a Ray cluster: each once, whatever dies on the way."""

@@ -2,6 +2,4 @@
 
 What reads a file raises InputError for one that is missing, damaged or of another kind; a docstring's "Raises" names
 what goes beyond that.
-
-May import: kernels, cameras.
 """

@@ -1,4 +1,1 @@
-"""Population optimizers on the device, a file each; they minimise any batched cost and know no body.
-
-May import: kernels, device.
-"""
+"""Population optimizers on the device, a file each; they minimise any batched cost and know no body."""

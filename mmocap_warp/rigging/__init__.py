@@ -1,4 +1,1 @@
-"""The shipped bodies, found by name; bodies of other programs are made by the subroom ``importing``.
-
-May import: device, body, cameras, formats.
-"""
+"""The shipped bodies, found by name; bodies of other programs are made by the subroom ``importing``."""

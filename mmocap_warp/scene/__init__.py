@@ -1,4 +1,1 @@
-"""A recording as its scene.toml describes it.
-
-May import: device, cameras, masks, formats.
-"""
+"""A recording as its scene.toml describes it."""

@@ -1,7 +1,4 @@
-"""From candidate poses to costs: posing, silhouettes, counts.
-
-May import: kernels, device, body, cameras, masks.
-"""
+"""From candidate poses to costs: posing, silhouettes, counts."""
 
 COSTS = ("paper", "xor", "iou")
 """The named costs; ``paper`` is Eq. 4-5. ``kernels/silhouettes/cost.py`` has a constant of each name."""

@@ -1,4 +1,1 @@
-"""Live frames in and poses out: images that come while they are recorded, and packets to other programs.
-
-May import: device, body, cameras, masks, result, formats, scene, tracking, display.
-"""
+"""Live frames in and poses out: images that come while they are recorded, and packets to other programs."""

@@ -4,8 +4,6 @@ A file has a section for each function, which begins with a line ``// ==== name`
 of that name in the same file, or for a constant that the module gives.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

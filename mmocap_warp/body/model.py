@@ -1,11 +1,10 @@
 """The skinned body: a skeleton, meshes that follow it, shape targets and markers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -111,14 +110,14 @@ class BodyModel:
         """Its extent over a person's, 1 up to the largest person's: a factor for lengths that hold for people."""
         return min(1.0, self.extent / _PERSON) if self.unit == 1.0 else self.unit
 
-    def in_unit(self, unit: float) -> BodyModel:
+    def in_unit(self, unit: float) -> Self:
         """The body with all of its lengths in a unit [m], what is attached included."""
         by = np.float32(1 / unit)
         body = self.with_rest(self.skin.rest * by, self.joint_rest * by, by)
         poses = None if self.motion_poses is None else self.motion_poses / self.skeleton.units(unit)
         return replace(body, skeleton=self.skeleton.in_unit(unit), motion_poses=poses)
 
-    def with_rest(self, rest: np.ndarray, joint_rest: np.ndarray, scale: np.float32 | np.ndarray) -> BodyModel:
+    def with_rest(self, rest: np.ndarray, joint_rest: np.ndarray, scale: np.float32 | np.ndarray) -> Self:
         """The body with other bind places (vertex, 3) and (joint, 3) float32 [m], and its shape targets scaled."""
         return replace(
             self,
@@ -134,7 +133,7 @@ class BodyModel:
         a, b, c = self.skin.rest[self.tracking_vertex][self.tracking_face].swapaxes(0, 1).astype(np.float64)
         return float(abs(np.einsum("fi,fi->", a, np.cross(b, c))) / 6)
 
-    def shaped(self, weights: dict[str, float], scale: float = 1.0) -> BodyModel:
+    def shaped(self, weights: dict[str, float], scale: float = 1.0) -> Self:
         """The body with shape targets applied at the given weights, then scaled uniformly, but for attached things.
 
         The result is a new rest body: its own targets are the old ones scaled, so further shaping adds on top.
@@ -171,7 +170,7 @@ class Subject:
         place = ", ".join(f"{value:.2f}" for value in self.pose[:3])
         return f"Subject {self.body.name}{known}, starts at ({place}) m"
 
-    def in_unit(self, unit: float) -> Subject:
+    def in_unit(self, unit: float) -> Self:
         """The subject with all of its lengths in a unit [m], those that a fit measured included."""
         if unit == 1:
             return self

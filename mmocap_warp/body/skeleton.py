@@ -1,9 +1,8 @@
 """A joint tree with its degrees of freedom: of a person, an animal, a robot; it belongs to a body and its USD file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -106,7 +105,7 @@ class Skeleton:
         """Whether the root stands still, as the base of a robot arm: the default model searches nothing of it."""
         return bool((self.searched() >= ROOT_ANGLES.stop).all())
 
-    def with_free_root(self) -> Skeleton:
+    def with_free_root(self) -> Self:
         """The same joints, with one model: the default one's coordinates, and all of the root's."""
         searched = np.union1d(np.arange(ROOT_ANGLES.stop), self.searched()).astype(np.int32)
         limits = self.limits.copy()
@@ -132,7 +131,7 @@ class Skeleton:
         """(coordinate,) the unit of each, where that of lengths is ``length`` [m] and that of angles a radian."""
         return np.asarray(np.where(self.is_length, length, 1.0))
 
-    def in_unit(self, unit: float) -> Skeleton:
+    def in_unit(self, unit: float) -> Self:
         """The skeleton with what its sliding joints may do in a unit [m]."""
         by = np.where(self.slides, np.float32(unit), np.float32(1))
         return replace(self, limits=self.limits / by[:, None, None], spread=self.spread / by)

@@ -1,7 +1,5 @@
 """``mmocap batch``: many recordings. ``mmocap study``: trackers compared on a grid. ``mmocap bench``: their speed."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tomllib

@@ -1,7 +1,5 @@
 """A long clip in pieces that processes of their own track side by side: ``mmocap track --pieces``."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -10,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import cycle, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -48,7 +46,7 @@ class Piece:
     checkpoint: Path | None
     resumption: dict[str, Any]
 
-    def begin(self) -> Piece:
+    def begin(self) -> Self:
         """The piece from where its body is found; an InputError if its first frame shows nobody."""
         if self.begun:
             return self
@@ -70,7 +68,7 @@ class Piece:
         files = {"checkpoint": self.checkpoint, **self.resumption}
         return frame_loop.track(self.scene, self.subject, self.config, **files, **reports)
 
-    def starting_at(self, pose: np.ndarray) -> Piece:
+    def starting_at(self, pose: np.ndarray) -> Self:
         """The piece that begins with a pose (coordinate,)."""
         provenance = self.subject.provenance | {"fit.first_frame": self.scene.first_frame}
         return replace(self, subject=replace(self.subject, pose=pose, provenance=provenance), begun=True)

@@ -5,12 +5,10 @@ different poses that is settled. The body is pulled to the generic one that a fi
 frame alone made of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -57,7 +55,7 @@ class Followed(FrameArrays):
     # it is solved, and a curved motion would pull a frame that moves back to them
     neighbours: Neighbours | None = None
 
-    def spread(self, count: int) -> Followed:
+    def spread(self, count: int) -> Self:
         """At most ``count`` of the frames, evenly spread, with the first."""
         return self[np.unique(np.linspace(0, len(self.rooted) - 1, count).round().astype(int))]
 

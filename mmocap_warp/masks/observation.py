@@ -1,7 +1,5 @@
 """What was seen at one time: the foreground masks of all cameras, packed 32 pixels to a word."""
 
-from __future__ import annotations
-
 import tempfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -55,7 +53,7 @@ class Observation:
     @classmethod
     def from_masks(
         cls, masks: list[np.ndarray], late: np.ndarray | None = None, hidden: list[np.ndarray] | None = None
-    ) -> Observation:
+    ) -> Self:
         """Pack one (height, width) boolean mask per camera, and of ``hidden`` what is no foreground.
 
         In a view in which none of that is near the mask, it hides nothing: what is hidden goes on where a mask ends.
@@ -76,7 +74,7 @@ class Observation:
         """``hidden`` as :func:`unpack_masks` gives masks."""
         return None if self.hidden is None else unpack_masks(self.hidden, sizes)
 
-    def without(self, views: np.ndarray) -> Observation:
+    def without(self, views: np.ndarray) -> Self:
         """The same with nobody in some views (camera,) bool."""
         return replace(self, words=self.words * ~views[:, None, None], foreground=self.foreground * ~views)
 

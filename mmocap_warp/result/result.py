@@ -1,11 +1,9 @@
 """The answer of a tracking run, and that of each of its frames."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -119,7 +117,7 @@ class Result:
         """Between the numbers of its frames."""
         return int(np.diff(self.frame_numbers).min()) if len(self.frame_numbers) > 1 else 1
 
-    def in_unit(self, unit: float) -> Result:
+    def in_unit(self, unit: float) -> Self:
         """The result with all of its lengths in a unit [m], as trackers take it; all else is for metres."""
         if unit == 1:
             return self
@@ -132,7 +130,7 @@ class Result:
         subject, cameras = self.subject.in_unit(unit), self.cameras.in_unit(unit)
         return replace(self, subject=subject, cameras=cameras, config=config, **arrays)
 
-    def at(self, positions: Sequence[int]) -> Result:
+    def at(self, positions: Sequence[int]) -> Self:
         """The result of some frames, by their positions in ``frame_numbers``, ascending, or by a mask of them."""
         chosen = _chosen(positions, len(self.frame_numbers))
         arrays = {name: array[:, chosen] for name, array in self.arrays.items()}

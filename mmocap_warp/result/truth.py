@@ -1,8 +1,7 @@
 """Known positions of markers and joints, which a result is compared with."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -52,7 +51,7 @@ class Truth:
         same_joints = self.joint_names[: len(skeleton.joints)] == skeleton.joints
         return same_joints and self.pose is not None and self.pose.shape[1] == skeleton.coordinates
 
-    def at_frames(self, keep: np.ndarray | slice) -> Truth:
+    def at_frames(self, keep: np.ndarray | slice) -> Self:
         """The truth of some of its frames."""
         arrays = {name: getattr(self, name)[keep] for name in ("frame_numbers", "markers", "joints")}
         return replace(self, **arrays, pose=None if self.pose is None else self.pose[keep])

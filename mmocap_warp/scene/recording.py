@@ -1,7 +1,5 @@
 """A recording as its ``scene.toml`` describes it: calibrated cameras, where their images lie, what is foreground."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -9,7 +7,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, Self
 from urllib.parse import quote
 
 import cv2
@@ -108,12 +106,12 @@ class Scene:
         """How many of these there are in a second."""
         return self.fps / self.stride
 
-    def of_frames(self, frames: range) -> Scene:
+    def of_frames(self, frames: range) -> Self:
         """The same recording, other frames of it."""
         count, named = len(frames), self._named_frames
         return replace(self, first_frame=frames.start, frame_count=count, stride=frames.step, named_frames=named)
 
-    def with_cameras(self, rig: CameraRig, offsets: dict[str, float]) -> Scene:
+    def with_cameras(self, rig: CameraRig, offsets: dict[str, float]) -> Self:
         """The same recording by other cameras of the same names and sizes, which lag by ``offsets`` [s]."""
         lags = [split_offset(offsets[source.name] * self.fps * source.rate) for source in self.cameras]
         pairs = zip(self.cameras, lags, strict=True)
@@ -135,7 +133,7 @@ class Scene:
         """Whether its masks do not tell its people apart."""
         return bool(self.people) and any(source.several for source in self.cameras)
 
-    def of_person(self, name: str) -> Scene:
+    def of_person(self, name: str) -> Self:
         """The same recording as one of its people is tracked in it: all others may be in front.
 
         Raises:
@@ -153,7 +151,7 @@ class Scene:
     def _named_frames(self) -> range:
         return self.frames if self.named_frames is None else self.named_frames
 
-    def as_recorded(self) -> Scene:
+    def as_recorded(self) -> Self:
         """Every camera's own frames by their own numbers: without offsets, rates and what views know of each other.
 
         If the scene means all frames, the recording goes on to the end of the longest camera.

@@ -1,9 +1,8 @@
 """What the contour tracker knows from frame to frame, and how it tells from that whether an answer is good enough."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -50,7 +49,7 @@ class ContourState(TrackState):
     climbed_in_vain: np.ndarray  # (run,) bool, whether the ladder of recovery was climbed in vain in the last frame
 
     @classmethod
-    def at(cls, pose: np.ndarray, parts: int) -> ContourState:
+    def at(cls, pose: np.ndarray, parts: int) -> Self:
         """Before the first frame, at poses (run, coordinate) of a body of so many parts."""
         runs, nothing = len(pose), np.zeros((len(pose), LEVEL_FRAMES), np.float32)
         counts, by_part = np.zeros(runs, np.int32), np.full((runs, parts), np.nan, np.float32)
@@ -70,7 +69,7 @@ class ContourState(TrackState):
         usual = np.fmin(np.nan_to_num(self.uncovered_levels, nan=np.inf), largest_usual)
         return np.asarray(np.maximum(area - usual, 0.0))
 
-    def looked_at(self, looked: np.ndarray, area: np.ndarray, excess: np.ndarray, astray: np.ndarray) -> ContourState:
+    def looked_at(self, looked: np.ndarray, area: np.ndarray, excess: np.ndarray, astray: np.ndarray) -> Self:
         """The state after a look at runs ``looked`` (run,) bool.
 
         What was uncovered near each part, ``area`` (run, part) [m^2], exceeds the usual by ``excess``, likewise;
@@ -96,7 +95,7 @@ class ContourState(TrackState):
         """(run,) bool: whether there were frames enough to know the usual overlap."""
         return np.asarray((self.overlap_levels > 0).sum(axis=1) >= _LEAST_FRAMES)
 
-    def settled(self) -> ContourState:
+    def settled(self) -> Self:
         """The state as if the last frame had come often enough for its overlap to be the usual one."""
         overlaps, outlines = self.overlap_levels.copy(), self.exposed_outlines.copy()
         overlaps[:, -_LEAST_FRAMES:], outlines[:, -_LEAST_FRAMES:] = overlaps[:, -1:], outlines[:, -1:]
@@ -125,7 +124,7 @@ class ContourState(TrackState):
         always = np.where(self.level_known, always, np.float32(0.0))
         return np.asarray((answer.overlap < level - fall) | (answer.exposed > exposed + always))
 
-    def followed_by(self, answer: Candidates, lost: np.ndarray) -> ContourState:
+    def followed_by(self, answer: Candidates, lost: np.ndarray) -> Self:
         """The state after a frame's answer, where ``lost`` (run,) bool says which runs are lost.
 
         A lost frame's pose is a guess: no motion is taken from it. Neither it nor a frame with a limb in doubt teaches

@@ -5,10 +5,9 @@ long as the body that is tracked is missing there. One that takes 27 % of the ma
 body where two other views show where that is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Self
 
 import cv2
 import numpy as np
@@ -45,7 +44,7 @@ class _Hole:
     vanished: int  # what it took from the mask [px]; of one that goes with the body, middles of discs
     radius: float  # of these discs [px]; 0 of one that stays
 
-    def followed(self, seen: Observation, silhouettes: ViewMasks) -> _Hole | None:
+    def followed(self, seen: Observation, silhouettes: ViewMasks) -> Self | None:
         """The hole in the next frame, where the tracked body has some silhouettes; None where it has closed."""
         mask, silhouette = _unpacked(seen.words[self.view]), silhouettes[self.view]
         height, width = silhouette.shape

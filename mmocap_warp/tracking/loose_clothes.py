@@ -3,8 +3,6 @@
 A skirt shows no gap between the legs. Taken for skin it makes thick, short thighs and low hips, and pulls legs apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 

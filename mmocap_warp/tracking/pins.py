@@ -1,10 +1,8 @@
 """Places of joints that a person clicked in images: read, checked, and what they say about poses."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -50,14 +48,13 @@ class Pins:
         return equations
 
     @classmethod
-    def none(cls) -> Pins:
+    def none(cls) -> Self:
         """No pins at all."""
         return cls(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2, 3)), np.zeros((0, 2)), SIGMA, [])
 
-    def moved(self, frames: int, unit: float) -> Pins:
+    def moved(self, frames: int, unit: float) -> Self:
         """The same for a part of the result that begins so many ``frames`` later, with lengths in a unit [m]."""
-        beside, sigma = self.beside / unit, self.sigma / unit
-        return Pins(self.frame - frames, self.joint, self.across, beside, sigma, self.listed)
+        return replace(self, frame=self.frame - frames, beside=self.beside / unit, sigma=self.sigma / unit)
 
 
 def read_pins(pins: str | Path | list[dict[str, Any]], result: Result, recorded: CameraRig) -> Pins:

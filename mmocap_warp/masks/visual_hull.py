@@ -24,7 +24,7 @@ _FAR_PIXEL = 1e6  # px, beyond any image
 _REACH = 2.0  # half the first grid's edge [m]
 
 
-def visual_hull(rig: CameraRig, observation: Observation, spacing: float = 0.03, tolerate: int = 0) -> np.ndarray:
+def visual_hull(rig: CameraRig, observation: Observation, spacing: float, tolerate: int = 0) -> np.ndarray:
     """(n, 3) float64, centres of the voxels that project onto foreground [m]; possibly none.
 
     The cameras are undistorted pinholes, as the masks. Views without foreground are left out; at least two must be
@@ -32,11 +32,8 @@ def visual_hull(rig: CameraRig, observation: Observation, spacing: float = 0.03,
     camera or mask, and a subject that one camera sees in part.
 
     Voxels have edges of ``spacing`` [m]. Their grid is aligned with the world's axes and surrounds the subject by
-    itself: a coarse grid about the point where the silhouettes' central rays meet finds what to carve finely. Raises a
-    ValueError for a spacing that is not positive, or a negative ``tolerate``.
+    itself: a coarse grid about the point where the silhouettes' central rays meet finds what to carve finely.
     """
-    if not spacing > 0 or tolerate < 0:
-        raise ValueError(f"spacing must be positive and tolerate not negative, got {spacing} and {tolerate}")
     own, masks = (unpack_masks(words, rig.size) for words in (observation.words, observation.possible))
     judging = [k for k, count in enumerate(observation.foreground) if count > 0]
     tolerate = min(tolerate, len(judging) - 2)

@@ -1,14 +1,18 @@
 """A body from several frames: its parameters and the frames' poses as one least-squares problem."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.descent import LARGEST_STEP, Trust, descend
 from mmocap_warp.contour.frame.fitter import ContourFitter
 from mmocap_warp.contour.frame.normal_equations import LineariseBody, NormalEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
+from mmocap_warp.masks.observation import Observation
 
 LARGEST_CHANGE = 3.0
 """No parameter moves further in a step, in its prior standard deviations: their units are as different as they are."""
@@ -52,6 +56,20 @@ class BodyProblem:
         reduced = equations.without_poses(equations.contour.with_prior(self.rooting.anywhere**-2.0))
         covariance = np.linalg.inv(reduced.matrix)
         return BodySolution(beta + covariance @ reduced.gradient, covariance, rooted, equations.contour.cost)
+
+
+def space_fitter(
+    space: RestSpace, rig: CameraRig, observations: Sequence[Observation], device: str, threads: int, **others: Any
+) -> ContourFitter:
+    """A fitter of a space's body that observes frames, one candidate for each unless ``others``, its own, say more."""
+    skeleton, frames = space.body.skeleton, len(observations)
+    settings: dict[str, Any] = {"candidates": frames, "parameters": len(space.names), **others}
+    fitter = ContourFitter(
+        space.body, rig, skeleton.searched(), skeleton.coordinate_limits,
+        frames=frames, device=device, threads=threads, **settings,
+    )  # fmt: skip
+    fitter.observe_all(observations)
+    return fitter
 
 
 def body_problem(

@@ -16,9 +16,8 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.contour.body_problem import BodyProblem, BodySolution, body_problem
+from mmocap_warp.contour.body_problem import BodyProblem, BodySolution, body_problem, space_fitter
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
-from mmocap_warp.contour.frame.fitter import ContourFitter
 from mmocap_warp.contour.frame.rooted import FrameArrays, Neighbours, RootedPoses, Rooting
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
@@ -145,15 +144,8 @@ def solve_body(
     """
     own = generic.skeleton
     skeleton, still = (own.with_free_root(), ROOT_ANGLES.stop) if own.root_is_fixed else (own, 0)
-    generic = replace(generic, skeleton=skeleton)
-    space = RestSpace(generic)
-    count, parameters = len(followed.rooted), len(space.names)
-    fitter = ContourFitter(
-        generic, rig, skeleton.searched(), skeleton.coordinate_limits,
-        candidates=count, frames=count, parameters=parameters, device=device, threads=threads,
-    )  # fmt: skip
-    for place, observation in enumerate(followed.observation):
-        fitter.observe(place, observation)
+    space = RestSpace(replace(generic, skeleton=skeleton))
+    fitter, count = space_fitter(space, rig, list(followed.observation), device, threads), len(followed.rooted)
     worn = loose_joints(subject)
     share = _CLOTHED * PRIOR if worn else PRIOR
     problem, rooted = body_problem(fitter, space, subject.root_base, share, followed.neighbours, still), followed.rooted

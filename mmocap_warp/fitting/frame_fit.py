@@ -4,6 +4,7 @@ import copy
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,9 @@ import warp as wp
 
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
-from mmocap_warp.contour.body_problem import body_problem
+from mmocap_warp.contour.body_problem import body_problem, space_fitter
 from mmocap_warp.contour.clip.motion_points import MotionPoints
-from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter, MatchingConfig
+from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.fitting.standing_search import FirstFrame
 from mmocap_warp.tracking.limb_pairs import Limb, like_limbs, limb_pairs, limbs, mirrored, places_exchanged
@@ -62,17 +63,10 @@ class FrameFit:
         self._limbs = limbs(skeleton)
         self._pairs, self._like = limb_pairs(skeleton), like_limbs(skeleton)
         self._random = np.random.default_rng(frame.seed)
-
-        def fitter(candidates: int, parameters: int, matching: MatchingConfig) -> ContourFitter:
-            made = ContourFitter(
-                body, frame.rig, skeleton.searched(), skeleton.coordinate_limits, candidates=candidates,
-                parameters=parameters, matching=matching, device=frame.device, threads=frame.threads,
-            )  # fmt: skip
-            made.observe(0, frame.observation)
-            return made
-
-        self._rough, self._fine = (fitter(1, len(space.names), matching) for matching in (WIDE, MatchingConfig()))
-        self._rough_pose, self._fine_pose = fitter(_TRIED, 0, WIDE), fitter(_FINE, 0, MatchingConfig())
+        fitter = partial(space_fitter, space, frame.rig, [frame.observation], frame.device, frame.threads)
+        self._rough, self._fine = fitter(matching=WIDE), fitter()
+        self._rough_pose = fitter(candidates=_TRIED, parameters=0, matching=WIDE)
+        self._fine_pose = fitter(candidates=_FINE, parameters=0)
         self._objective = frame.objective(body, np.eye(3), _DRAWS)
         prior = np.zeros(skeleton.coordinates)
         prior[ROOT_ANGLES.stop :] = _POSE_PRIOR / np.repeat(skeleton.spread[1:], 3) ** 2

@@ -15,9 +15,10 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust import camera_changes, camera_problem
 from mmocap_warp.calibration.adjust.camera_changes import OFFSET, POSITION, ROTATION, AdjustConfig, changed
-from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution, KnownLength, camera_fitter
+from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution, KnownLength
 from mmocap_warp.calibration.adjust.footage import MIN_FRAMES, Footage, Motion, Person
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
+from mmocap_warp.contour.body_problem import space_fitter
 from mmocap_warp.contour.frame.fitter import WIDE, MatchingConfig
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.device.cores import available_threads
@@ -137,10 +138,8 @@ class Adjustment:
         """
         fps = self.scene.fps
         reach = min(_MAX_LAG, int(np.ceil(2 * self.config.deviations.offset * fps)))
-        fitter = camera_fitter(
-            self.space, changed(self.given, change), [person.observations[frame] for frame in frames],
-            MatchingConfig(), self.device, self.threads,
-        )  # fmt: skip
+        seen, rig = [person.observations[frame] for frame in frames], changed(self.given, change)
+        fitter = space_fitter(self.space, rig, seen, self.device, self.threads, lens=True)
         fitter.reshape(*self.space.at(self.space.nearest(person.subject.body), self._body.tracking_vertex))
         shifted = (person.motion.at(frames - lag * self.footage.fps / fps) for lag in np.arange(-reach, reach + 1))
         return np.stack([fitter.linearise_views(np.arange(len(frames)), poses).cost for poses in shifted])

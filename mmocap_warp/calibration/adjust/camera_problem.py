@@ -14,7 +14,7 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, POSITION, camera_jacobian, changed
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.contour.body_problem import BodyProblem
+from mmocap_warp.contour.body_problem import BodyProblem, space_fitter
 from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
@@ -101,7 +101,7 @@ class CameraProblem:
         parameters = np.concatenate([beta, start[own > 0]])
         # One stage after the other, because a fitter holds the masks' distances.
         for matching, steps in stages:
-            fitter = camera_fitter(self.space, self.rig, observations, matching, device, threads)
+            fitter = space_fitter(self.space, self.rig, observations, device, threads, matching=matching, lens=True)
             problem = BodyProblem(partial(self._linearise, fitter, velocity), self.rooting, np.zeros(len(sigma)), sigma)
             at = np.arange(len(rooted)), rooted, parameters
             solution = problem.solved(*at, steps) if steps else problem.stepped(*at)
@@ -164,25 +164,6 @@ class CameraProblem:
             equations.gradient[0] += row * error
             equations.cost[0] += 0.5 * error**2
         return equations
-
-
-def camera_fitter(
-    space: RestSpace,
-    rig: CameraRig,
-    observations: Sequence[Observation],
-    matching: MatchingConfig,
-    device: str,
-    threads: int,
-) -> ContourFitter:
-    """A fitter of the space's body with lenses, which observes some frames, one candidate for each."""
-    skeleton = space.body.skeleton
-    fitter = ContourFitter(
-        space.body, rig, skeleton.searched(), skeleton.coordinate_limits,
-        candidates=len(observations), frames=len(observations), parameters=len(space.names), lens=True,
-        matching=matching, device=device, threads=threads,
-    )  # fmt: skip
-    fitter.observe_all(observations)
-    return fitter
 
 
 def _join_views(views: ViewEquations, by_camera: np.ndarray, shared: int, own: np.ndarray) -> NormalEquations:

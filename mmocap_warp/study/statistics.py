@@ -13,13 +13,6 @@ CONFIDENCE = 0.95
 RESAMPLES = 1000
 
 
-def ranks(scores: np.ndarray) -> np.ndarray:
-    """Rank each score among the last axis' scores, 1 for the lowest; equal scores share the mean of their ranks."""
-    from scipy.stats import rankdata
-
-    return rankdata(scores, axis=-1)
-
-
 @dataclass(frozen=True)
 class Omnibus:
     """Do the algorithms differ at all?"""

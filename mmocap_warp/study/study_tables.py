@@ -78,6 +78,8 @@ def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> 
 
 
 def _rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> Ranking | None:
+    from scipy.stats import rankdata
+
     # Who counts, and over which sequences.
     known = {contender: study.known(contender, study.sequences, measure) for contender in contenders}
     most = max((len(cells) for cells in known.values()), default=0)
@@ -88,10 +90,10 @@ def _rank(study: StudySummary, measure: Measure, contenders: list[Contender]) ->
     # Ranks over the sequences, and the same of runs that are drawn anew, for intervals.
     scores = _scores(found, shared, measure)
     lower = measure.sign * scores
-    of_blocks = statistics.ranks(lower.mean(axis=2))
+    of_blocks = rankdata(lower.mean(axis=2), axis=-1)
     average, drawn = of_blocks.mean(axis=0), statistics.resampled_means(lower)
     known_ends = np.where(scores.shape[2] > 1, 0.0, np.nan)  # one run says nothing of others
-    rank_ends = (statistics.central(statistics.ranks(drawn).mean(axis=1)) + known_ends).T.tolist()
+    rank_ends = (statistics.central(rankdata(drawn, axis=-1).mean(axis=1)) + known_ends).T.tolist()
     mean_ends = (np.sort(measure.sign * statistics.central(drawn.mean(axis=1)), axis=0) + known_ends).T.tolist()
     # A row for each contender, the control first.
     comparisons, names = statistics.against_control(average, len(shared)), list(found)

@@ -19,7 +19,6 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import chain, islice
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,10 +45,8 @@ from mmocap_warp.fitting.standing_search import (
 )
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.rigging.attaching import carrying
+from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.track_config import TrackConfig
-
-if TYPE_CHECKING:
-    from mmocap_warp.scene.recording import Scene
 
 _FITS = 4  # guesses that CPU threads work on at a time: each takes some 50 MB
 _WINNERS = 2  # finalists whose limbs are searched until nothing is gained

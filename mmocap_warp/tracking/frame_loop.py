@@ -4,8 +4,6 @@ The way of a frame: :func:`track_frames` has its masks tracked (``Tracker.step``
 :func:`collect` makes a result of all answers, and :func:`~mmocap_warp.tracking.smoothing.smoothed` solves the clip.
 """
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
@@ -14,7 +12,7 @@ from functools import partial
 from itertools import chain, islice
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +26,7 @@ from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.result.verdict import frames_by_name, views_beside
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.scene.frame_choice import read_ahead
+from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import body_silhouettes, tracked_observations
 from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
@@ -41,9 +40,6 @@ from mmocap_warp.tracking.smoothing_beside import SmoothingBeside, SmoothingElse
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker, lost_frame
 from mmocap_warp.versions import versions
-
-if TYPE_CHECKING:
-    from mmocap_warp.scene.recording import Scene
 
 FrameReport = Callable[[int, FrameAnswer], None]  # called after every frame with its position and answer
 

@@ -43,7 +43,7 @@ def write_glb(result: Result | Mapping[str, Result], path: Path) -> None:
     about = {"first_frame": int(first.number[0]), "frames_per_second": first.rate}
     for name, tracks in moves.items():
         clip = _Clip("Motion", tracks.time - first.time[0], tracks.local)
-        people[name] = _Moving(tracks.subject.body, tracks.local[0], [clip])
+        people[name] = tracks.subject.body, tracks.local[0], [clip]
     _write(people, about, path)
 
 
@@ -56,7 +56,7 @@ def write_body_glb(body: BodyModel, motions: Mapping[str, BodyMotion], path: Pat
         _Clip(name, np.arange(len(motion.pose)) / motion.fps, joint_transforms(subject, motion.pose)[0])
         for name, motion in motions.items()
     ]
-    _write({"": _Moving(body, joint_transforms(subject, stand[None])[0][0], clips)}, {}, path)
+    _write({"": (body, joint_transforms(subject, stand[None])[0][0], clips)}, {}, path)
 
 
 class _Clip(NamedTuple):
@@ -67,12 +67,8 @@ class _Clip(NamedTuple):
     local: np.ndarray
 
 
-class _Moving(NamedTuple):
-    """A body whose joints stand (joint, 4, 4) below their parents while none of its animations is played."""
-
-    body: BodyModel
-    stand: np.ndarray
-    clips: list[_Clip]
+_Moving = tuple[BodyModel, np.ndarray, list[_Clip]]
+"""A body whose joints stand (joint, 4, 4) below their parents while none of its animations is played; and these."""
 
 
 def _write(people: Mapping[str, _Moving], about: dict[str, Any], path: Path) -> None:
@@ -99,7 +95,7 @@ def _write(people: Mapping[str, _Moving], about: dict[str, Any], path: Path) -> 
         for clip in clips:  # what has one name is played together
             motion = motions.setdefault(clip.name, {"name": clip.name, "samplers": [], "channels": []})
             _animate(motion, clip, skeleton.slides, buffer, first)
-    owners = "; ".join(dict.fromkeys(moving.body.attribution for moving in people.values()))
+    owners = "; ".join(dict.fromkeys(body.attribution for body, *_ in people.values()))
     asset = {"version": "2.0", "generator": f"mmocap-warp {__version__}", "copyright": owners}
     document: dict[str, Any] = {"asset": asset | {"extras": about}, "scene": 0, "scenes": [{"nodes": roots}]}
     materials = [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}]

@@ -135,7 +135,7 @@ CARRIED: dict[str, Callable[[Path], _Made]] = {
 
 def _carried(plain: Recording, thing: Attachment) -> Recording:
     """The recording with a thing where it is attached."""
-    body = carrying(plain.body, [thing]).body
+    body = carrying(plain.body, [thing])[0]
     poses = np.zeros((len(plain), body.skeleton.coordinates))
     poses[:, : plain.poses.shape[1]] = plain.poses
     return replace(plain, body=body, poses=poses, segmentation=segmentation(body))

@@ -126,17 +126,17 @@ def fit_subject(
         InputError: the first frame's masks do not show one subject.
     """
     # What is attached begins as it is carried; its joints come last.
-    carried = carrying(body, scene.attached)
-    for note in carried.notes:
+    carried, notes = carrying(body, scene.attached)
+    for note in notes:
         reporter.note(f"attach: {note}")
     if start_poses is not None:
-        own, coordinates = body.skeleton.coordinates, carried.body.skeleton.coordinates
+        own, coordinates = body.skeleton.coordinates, carried.skeleton.coordinates
         if start_poses.shape[1:] != (own,) or not np.isfinite(start_poses).all():
             raise UsageError(f"--start-poses must be finite and (pose, {own}), got shape {start_poses.shape}")
         start_poses = np.pad(start_poses, ((0, 0), (0, coordinates - own)))
     with reporter.stage("fit", None) as progress:
         subject = subject_fit.fit(
-            scene, carried.body, config, lambda stage, done, cost: progress(round(100 * done), 100), start_poses
+            scene, carried, config, lambda stage, done, cost: progress(round(100 * done), 100), start_poses
         )
     if float(subject.provenance["fit.cost"]) > subject_fit.MAX_COST:
         reporter.warn(

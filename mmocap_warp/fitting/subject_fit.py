@@ -101,7 +101,7 @@ def fit(
     Raises:
         InputError: the first frame's masks do not show one subject in at least two views.
     """
-    body = carrying(body, scene.attached).body
+    body, _ = carrying(body, scene.attached)
     scale = config.scale or min(1.0, LONGEST_IMAGE / float(scene.rig().size.max()))
     numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
     span = min(scene.frame_count, round(_SPAN_SECONDS * scene.rate))  # videos are decoded up to the last part

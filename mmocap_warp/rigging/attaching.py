@@ -7,7 +7,6 @@ on it one that turns. It has its own size, whatever the body's.
 from collections.abc import Iterable
 from dataclasses import replace
 from difflib import get_close_matches
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,15 +24,10 @@ _LONGEST, _SHORTEST = 3.0, 0.01  # shares of the body's extent: a thing that is 
 _PLACE_SPREAD, _TURN_SPREAD = 0.3, 0.5  # how far a free thing is from its given place, as standard deviations [m, rad]
 
 
-class Carrying(NamedTuple):
-    """A body with what it carries, and notes on what was done to close and reduce meshes, a line each."""
+def carrying(body: BodyModel, things: Iterable[Attachment]) -> tuple[BodyModel, tuple[str, ...]]:
+    """A body with things attached, and notes on what was done to close and reduce their meshes, a line each.
 
-    body: BodyModel
-    notes: tuple[str, ...]
-
-
-def carrying(body: BodyModel, things: Iterable[Attachment]) -> Carrying:
-    """A body with things attached. A thing whose name the body has already is left as it is.
+    A thing whose name the body has already is left as it is.
 
     Raises:
         InputError: a mesh that cannot be read, no such joint, a name that is taken, or a size that cannot be.
@@ -43,15 +37,15 @@ def carrying(body: BodyModel, things: Iterable[Attachment]) -> Carrying:
         if thing.name not in body.skeleton.attached:
             body, done = _attach(body, thing)
             notes += done
-    return Carrying(body, tuple(notes))
+    return body, tuple(notes)
 
 
 def subject_carrying(subject: Subject, things: Iterable[Attachment]) -> tuple[Subject, tuple[str, ...]]:
     """A subject with things attached at their given places, and notes; see :func:`carrying`."""
-    made = carrying(subject.body, things)
-    pose = np.zeros(made.body.skeleton.coordinates)
+    body, notes = carrying(subject.body, things)
+    pose = np.zeros(body.skeleton.coordinates)
     pose[: len(subject.pose)] = subject.pose
-    return replace(subject, body=made.body, pose=pose), made.notes
+    return replace(subject, body=body, pose=pose), notes
 
 
 def _attach(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
@@ -66,16 +60,8 @@ def _attach(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
     return _join(body, thing, carrier, surface), [f"{thing.name}: {note}" for note in notes]
 
 
-class _Surface(NamedTuple):
-    """A thing's closed mesh, vertices (vertex, 3) [m] and triangles, and a coarser one over some of these vertices."""
-
-    vertex: np.ndarray
-    face: np.ndarray
-    tracking_vertex: np.ndarray
-    tracking_face: np.ndarray
-
-
-def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
+def _surface(thing: Attachment, body: BodyModel) -> tuple[tuple[np.ndarray, ...], list[str]]:
+    """A thing's closed mesh, vertices (vertex, 3) [m] and triangles, and those of a coarser one over some of these."""
     vertex, face = part_mesh(thing.mesh, thing.source)
     vertex = thing.scale * vertex
     extent = float(np.ptp(vertex[np.unique(face)], axis=0).max())
@@ -93,17 +79,18 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     tracking_vertex, tracking_face = decimate(vertex, face, _TRIANGLES)
     if len(face) > len(tracking_face):
         notes.append(f"tracking mesh: {len(face)} triangles made {len(tracking_face)}")
-    return _Surface(vertex, face, tracking_vertex, tracking_face), notes
+    return (vertex, face, tracking_vertex, tracking_face), notes
 
 
-def _join(body: BodyModel, thing: Attachment, carrier: int, surface: _Surface) -> BodyModel:
+def _join(body: BodyModel, thing: Attachment, carrier: int, surface: tuple[np.ndarray, ...]) -> BodyModel:
     """The body with the thing's joints, which hang on joint ``carrier``."""
     frame = zyx_rotation(np.radians(thing.rotation))
     origin = body.joint_rest[carrier].astype(float) + thing.position
     skeleton = _skeleton(body.skeleton, thing, carrier, frame)
     more = len(skeleton.joints) - len(body.joint_rest)
     # The thing's skin stands after the body's, in faces of as many corners, and follows the last of its joints.
-    vertex, face = origin + surface.vertex @ frame.T, surface.face
+    vertex, face, tracking_vertex, tracking_face = surface
+    vertex = origin + vertex @ frame.T
     if body.skin.face.shape[1] == 4:
         vertex, face = _as_quads(vertex, face)
     before, count = len(body.skin.rest), len(vertex)
@@ -115,7 +102,7 @@ def _join(body: BodyModel, thing: Attachment, carrier: int, surface: _Surface) -
         joint=np.concatenate([body.skin.joint, joint]),
         weight=np.concatenate([body.skin.weight, np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))]),
     )
-    tracking_face = surface.tracking_face + len(body.tracking_vertex)
+    tracking_face = tracking_face + len(body.tracking_vertex)
     # Where a shape target moves the carrier, it moves the whole thing along.
     carried = body.shape_joint[:, carrier : carrier + 1]
     return replace(
@@ -123,7 +110,7 @@ def _join(body: BodyModel, thing: Attachment, carrier: int, surface: _Surface) -
         skeleton=skeleton,
         joint_rest=np.concatenate([body.joint_rest, np.tile(origin.astype(np.float32), (more, 1))]),
         skin=skin,
-        tracking_vertex=np.concatenate([body.tracking_vertex, (surface.tracking_vertex + before).astype(np.int32)]),
+        tracking_vertex=np.concatenate([body.tracking_vertex, (tracking_vertex + before).astype(np.int32)]),
         tracking_face=np.concatenate([body.tracking_face, tracking_face.astype(np.int32)]),
         shape_vertex=np.concatenate([body.shape_vertex, carried.repeat(count, axis=1)], axis=1),
         shape_joint=np.concatenate([body.shape_joint, carried.repeat(more, axis=1)], axis=1),

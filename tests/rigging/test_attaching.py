@@ -126,27 +126,27 @@ def test_a_mesh_that_is_open_fine_or_in_pieces_is_made_fit(tmp_path: Path) -> No
     box = trimesh.creation.box((0.2, 0.2, 0.2))
     trimesh.Trimesh(box.vertices, box.faces[2:]).export(tmp_path / "open.obj")
     trimesh.creation.icosphere(subdivisions=4, radius=0.1).export(tmp_path / "ball.stl")
-    made = carrying(
+    made, notes = carrying(
         quadruped(), [Attachment(n, tmp_path / f, "Head") for n, f in (("Open", "open.obj"), ("Ball", "ball.stl"))]
     )
-    assert made.notes == (
+    assert notes == (
         "Open: open.obj 1 hole filled",
         "Ball: tracking mesh: 5120 triangles made 600",
     )
-    assert is_closed(made.body.tracking_face)
+    assert is_closed(made.tracking_face)
     moved = replace(quadruped(), motion_poses=np.ones((2, quadruped().skeleton.coordinates)))
-    carrier = carrying(moved, [Attachment("Ball", tmp_path / "ball.stl", "Head")]).body
+    carrier = carrying(moved, [Attachment("Ball", tmp_path / "ball.stl", "Head")])[0]
     assert carrier.motion_poses is not None
     own = np.arange(carrier.skeleton.coordinates) < moved.skeleton.coordinates
     np.testing.assert_array_equal(carrier.motion_poses, [own, own])
-    again = carrying(made.body, [Attachment("Ball", tmp_path / "ball.stl", "Head")])
-    assert again.body is made.body
-    assert again.notes == ()
+    again, notes = carrying(made, [Attachment("Ball", tmp_path / "ball.stl", "Head")])
+    assert again is made
+    assert notes == ()
 
 
 def test_a_person_carries_it_through_files_and_shapes(tmp_path: Path) -> None:
     with things() as (stick, *_):
-        body = carrying(load_body("adult_man"), [replace(stick, joint="RWrist")]).body
+        body = carrying(load_body("adult_man"), [replace(stick, joint="RWrist")])[0]
     assert body.skin.face.shape[1] == 4
     write_body(tmp_path / "body.usdc", body)
     back = read_body(tmp_path / "body.usdc")
@@ -171,7 +171,7 @@ def test_a_person_carries_it_through_files_and_shapes(tmp_path: Path) -> None:
 
 def test_a_rig_of_another_program_carries_it() -> None:
     with things() as (stick, _, block):
-        body = carrying(load_body("adult_man"), [replace(stick, joint="RWrist"), block]).body
+        body = carrying(load_body("adult_man"), [replace(stick, joint="RWrist"), block])[0]
     result = result_of(body, anywhere(body, 4) / 4)
     made = with_rig(result, "mixamo")
     assert made.subject.body.skeleton.joints[-3:] == ("Stick", "Block_place", "Block")

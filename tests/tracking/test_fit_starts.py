@@ -37,7 +37,7 @@ def test_who_carries_something_is_begun_from_the_hulls_size_and_from_its_own(wal
 
     monkeypatch.setattr("mmocap_warp.fitting.subject_fit.search_headings", search)
     with things() as (stick, *_):
-        carrier = carrying(man, [replace(stick, joint="RWrist")]).body
+        carrier = carrying(man, [replace(stick, joint="RWrist")])[0]
     for body in (man, carrier):
         _headings(_Task(body, rig, QUICK, lambda *_: None), frame)
     assert begun == [begun[0], begun[0], 0.0]

@@ -3,13 +3,11 @@
 Things to be compared take turns, so that a busy machine slows all of them alike.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
@@ -154,7 +152,7 @@ class Measurement:
     ok: bool
 
     @classmethod
-    def of(cls, case: Case, timing: Timing) -> Measurement:
+    def of(cls, case: Case, timing: Timing) -> Self:
         """Check the answer of a case that was timed."""
         check = case.check()
         facts = {name: getattr(case, name) for name in ("group", "name", "sizes", "evaluations")}

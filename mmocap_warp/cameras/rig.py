@@ -1,11 +1,9 @@
 """Calibrated pinhole cameras in OpenCV's convention."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -77,7 +75,7 @@ class CameraRig:
             return pinhole_of(K, self.size[k], self.distortion[k])
         return K, self.size[k]
 
-    def undistorted(self, scale: float = 1.0) -> CameraRig:
+    def undistorted(self, scale: float = 1.0) -> Self:
         """The pinholes of undistorted images resampled to ``scale`` times the size.
 
         A pixel centre keeps its place in the image plane, so a principal point moves as ``(c + 0.5) * scale - 0.5``.
@@ -93,11 +91,11 @@ class CameraRig:
         K[:, :2, 2] = (K[:, :2, 2] + 0.5) * scale - 0.5
         return replace(self, K=K, size=size, distortion=np.zeros_like(self.distortion), fisheye=())
 
-    def in_unit(self, unit: float) -> CameraRig:
+    def in_unit(self, unit: float) -> Self:
         """The cameras of a world whose lengths are in a unit [m]."""
         return replace(self, t=self.t / unit)
 
-    def select(self, names: tuple[str, ...]) -> CameraRig:
+    def select(self, names: tuple[str, ...]) -> Self:
         """The named cameras, in the given order.
 
         Raises:
@@ -105,7 +103,7 @@ class CameraRig:
         """
         k = [self.names.index(name) for name in names]
         fisheye = tuple(name for name in names if name in self.fisheye)
-        return CameraRig(names, self.K[k], self.R[k], self.t[k], self.size[k], self.distortion[k], self.up, fisheye)
+        return type(self)(names, self.K[k], self.R[k], self.t[k], self.size[k], self.distortion[k], self.up, fisheye)
 
 
 def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:

@@ -1,10 +1,8 @@
 """A penalty on how the points of a body accelerate, in physical units."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -33,9 +31,9 @@ class MotionCost:
     gradient: np.ndarray  # (frame, dof) float64, the direction in which the penalty falls; errors keep their weights
     band: BlockBand  # its matrix
 
-    def without_first(self, frames: int) -> MotionCost:
+    def without_first(self, frames: int) -> Self:
         """Of the later frames alone, with the first ones held where they are."""
-        return MotionCost(self.cost[frames:], self.gradient[frames:], self.band.without_first(frames))
+        return type(self)(self.cost[frames:], self.gradient[frames:], self.band.without_first(frames))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,12 +1,10 @@
 """Fits poses to masks by their outlines: residuals, normal equations and damped steps, on the device."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
@@ -79,7 +77,7 @@ class ContourFitter:
         *,
         candidates: int,
         frames: int = 1,
-        like: ContourFitter | None = None,
+        like: Self | None = None,
         parameters: int = 0,
         lens: bool = False,
         matching: MatchingConfig | None = None,

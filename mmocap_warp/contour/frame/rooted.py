@@ -5,8 +5,6 @@ take small steps: they count the root's angles from where the root is now, fold 
 the angles of the usual kind when they have finished.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -52,13 +50,13 @@ class RootedPoses(FrameArrays):
     def __len__(self) -> int:
         return len(self.pose)
 
-    def with_frames(self, frames: np.ndarray, other: RootedPoses) -> RootedPoses:
+    def with_frames(self, frames: np.ndarray, other: Self) -> Self:
         """These, with others in some frames by their numbers."""
         base, pose = self.base.copy(), self.pose.copy()
         base[frames], pose[frames] = other.base, other.pose
-        return RootedPoses(base, pose)
+        return type(self)(base, pose)
 
-    def interpolated(self, known: np.ndarray) -> RootedPoses:
+    def interpolated(self, known: np.ndarray) -> Self:
         """These poses, where those that are not ``known`` (frame,) are interpolated between the known ones around them.
 
         Before the first and after the last known frame its pose is repeated; where none is known nothing changes.
@@ -71,9 +69,9 @@ class RootedPoses(FrameArrays):
         frames = np.clip(np.arange(len(known)), at[0], at[-1])
         pose = np.stack([np.interp(frames, at, values) for values in self.pose[at].T], axis=1)
         if len(at) == 1:
-            return RootedPoses(np.repeat(self.base[at], len(known), axis=0), pose)
+            return type(self)(np.repeat(self.base[at], len(known), axis=0), pose)
         base = Slerp(at, Rotation.from_matrix(self.base[at]))(frames).as_matrix()
-        return RootedPoses(np.where(known[:, None, None], self.base, base), pose)
+        return type(self)(np.where(known[:, None, None], self.base, base), pose)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +85,7 @@ class Neighbours(FrameArrays):
     curved: bool = True  # whether the motion is a parabola through all three, or a straight line
 
     @classmethod
-    def of(cls, course: RootedPoses, frames: np.ndarray, rate: float, *, curved: bool = True) -> Neighbours:
+    def of(cls, course: RootedPoses, frames: np.ndarray, rate: float, *, curved: bool = True) -> Self:
         """Those of frames by their numbers in a course of poses, ``rate`` a second."""
         last = len(course) - 1
         sides = ((frames > 0) + 2 * (frames < last)).astype(np.int32)

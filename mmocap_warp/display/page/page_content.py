@@ -1,11 +1,9 @@
 """What a page shows of a result, pictures and curves too, as JSON-compatible values; docs/formats.md describes them."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -29,6 +27,21 @@ _MASK_CHARACTERS = 1_600_000  # room for all masks, at about half a kilobyte eac
 _IMAGE_CHARACTERS = 2_000_000  # room for all images, at about six kilobytes each
 
 Views = Iterable[Sequence[np.ndarray | None]]  # per frame, a picture for each camera
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What the cameras saw in one of ``every`` so many of a page's frames, the first always among them."""
+
+    of: list[list[str | None]]  # per camera, base64 of the pictures; None where there is none
+    every: int
+
+    @classmethod
+    def within(cls, characters: int, of: list[list[str | None]]) -> Self:
+        """Pictures of as many frames as have room."""
+        total = sum(len(picture or "") for pictures in of for picture in pictures)
+        every = max(1, -(-total // characters))
+        return cls([pictures[::every] for pictures in of], every)
 
 
 def small_masks(masks: Views, cameras: int) -> Pictures:
@@ -64,21 +77,6 @@ def _small(picture: np.ndarray, longer_side: int) -> np.ndarray:
 
 _POSE_BYTES = 2_400_000  # room for all poses before they are base64
 _JOINT_BYTES = 14  # a joint's turn and place in one frame
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """What the cameras saw in one of ``every`` so many of a page's frames, the first always among them."""
-
-    of: list[list[str | None]]  # per camera, base64 of the pictures; None where there is none
-    every: int
-
-    @classmethod
-    def within(cls, characters: int, of: list[list[str | None]]) -> Pictures:
-        """Pictures of as many frames as have room."""
-        total = sum(len(picture or "") for pictures in of for picture in pictures)
-        every = max(1, -(-total // characters))
-        return cls([pictures[::every] for pictures in of], every)
 
 
 def pose_step(result: Result, others: Sequence[Result] = ()) -> int:

@@ -373,7 +373,6 @@ def _fitted(
     settings = {name: value for name, value in settings.items() if value is not None}
     fit = effective(FitConfig, scene.settings("fit"), settings)
     stated = {name: value for name, value in settings.items() if name == "rigid" or name in given}
-    _check_model(generic, scene, config, given)
     reporter.note(f"fit: {describe(fit, scene.fit, stated)}")
     subject = fit_subject(scene, generic, fit, output, reporter, trusted)
     return subject if output is None else read_subject(output)  # as a resumed run will find it, to the last bit

@@ -7,7 +7,6 @@ import numpy as np
 
 from mmocap_warp.body.rotations import between, near_zyx_angles, quarter_turn, zyx_rotation
 from mmocap_warp.body.skeleton import TRANSLATION
-from mmocap_warp.cameras.rig import UP_AXES
 from mmocap_warp.result.result import Result
 
 _MOST_RATE = 100  # times the result's own rate, at which a minute has a few hundred thousand frames
@@ -15,9 +14,7 @@ _SAME_TIME = 1e-6  # frames: a time that lies outside the result by less is its 
 
 
 def of_run(result: Result, run: int) -> Result:
-    """A result of one of the runs; a ValueError if there is no such run."""
-    if not 0 <= run < len(result.pose):
-        raise ValueError(f"run must be in 0 to {len(result.pose) - 1}, got {run}")
+    """A result of one of the runs."""
     return replace(result, **{name: array[run : run + 1] for name, array in result.arrays.items()})
 
 
@@ -93,11 +90,8 @@ def stood_up(result: Result, up: str) -> Result:
 
     The world is turned about the axis that is neither its vertical nor the new one, or about x (z where x is the
     vertical) where it is to stand on its head: from +z to +y, (x, y, z) becomes (x, z, -y). Heights stay; the joints'
-    standard deviations, which are along the axes of the world as it was, are dropped. Raises a ValueError for no such
-    axis.
+    standard deviations, which are along the axes of the world as it was, are dropped.
     """
-    if up not in UP_AXES:
-        raise ValueError(f"up must be one of {UP_AXES}, got {up!r}")
     if up == result.cameras.up:
         return result
     turn = quarter_turn(result.cameras.up, up)

@@ -21,7 +21,6 @@ from mmocap_warp.kernels.silhouettes.cost import cost_of_counts
 from mmocap_warp.kernels.silhouettes.raster import Outline
 from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.silhouettes import COSTS
 from mmocap_warp.silhouettes.silhouettes import Silhouettes
 
 _SMALLEST_BATCH = 4  # candidates of a batch: for fewer, starting a thread costs more than it saves
@@ -93,8 +92,6 @@ class Objective:
         device: str = "cpu",
         threads: int = 1,
     ) -> None:
-        if cost not in COSTS:
-            raise ValueError(f"cost must be one of {list(COSTS)}, got {cost!r}")
         self.device, self.candidates, self.rig = device, candidates, rig
         self._skeleton = body.skeleton
         self._kind: int = getattr(cost_kernels, cost.upper())

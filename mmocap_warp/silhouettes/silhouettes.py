@@ -24,7 +24,6 @@ from mmocap_warp.kernels.silhouettes.raycast_wide import Leaves
 from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.kernels.views.projection import Views
 from mmocap_warp.masks.observation import make_views
-from mmocap_warp.silhouettes import RENDERERS
 
 _LEAF = 16  # triangles of a leaf: with large packets, smaller leaves cost more than they save
 
@@ -48,9 +47,7 @@ def outline(piece: MeshPiece, device: str) -> Any:
 
 
 def make_renderer(name: str, rest: np.ndarray, face: np.ndarray, device: str) -> Renderer:
-    """The renderer of that name in ``RENDERERS``, or a ValueError; for faces (face, 3) and a rest pose (vertex, 3)."""
-    if name not in RENDERERS:
-        raise ValueError(f"renderer must be one of {list(RENDERERS)}, got {name!r}")
+    """The renderer of that name in ``RENDERERS``, for faces (face, 3) and a rest pose (vertex, 3)."""
     if name == "raster":
         return Renderer(raster, raster.raster, lambda piece: outline(piece, device))
 

@@ -95,7 +95,5 @@ def test_one_run_and_the_track_before_smoothing():
     assert of_run(raw, 0).best_run == 0
     np.testing.assert_array_equal(before_smoothing(raw).pose, raw.raw_pose)
     assert before_smoothing(raw).angle_sigma is None
-    with pytest.raises(ValueError, match="run must be in 0 to 1"):
-        of_run(result, 2)
     with pytest.raises(ValueError, match="was not smoothed"):
         before_smoothing(result)

@@ -81,13 +81,16 @@ class Glb:
         """(frame,) [s]."""
         return self.array(self.json["animations"][0]["samplers"][0]["input"])[:, 0]
 
-    def joint_worlds(self) -> np.ndarray:
-        """(frame, joint, 4, 4): nodes one below the other, with the animation's channels in place of their own."""
+    def joint_worlds(self, played: bool = True) -> np.ndarray:
+        """(frame, joint, 4, 4): nodes one below the other, with the animation's channels in place of their own.
+
+        Of one that is not ``played``, as the nodes stand.
+        """
         nodes, animation = self.json["nodes"], self.json["animations"][0]
         frames = len(self.time())
         moved = {
             (c["target"]["node"], c["target"]["path"]): self.array(animation["samplers"][c["sampler"]]["output"])
-            for c in animation["channels"]
+            for c in (animation["channels"] if played else ())
         }
         world = np.zeros((frames, len(nodes), 4, 4))
 

@@ -14,7 +14,7 @@ from synthetic import ring_rig
 
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
+from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, LENS, POSITION, ROTATION, groups_of
 from mmocap_warp.calibration.adjust.footage import Footage
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, _covered_share, coherence, landmarks
@@ -22,6 +22,7 @@ from mmocap_warp.calibration.first_look import few_masks, few_views
 from mmocap_warp.calibration.gross_mistake import _TURNS, _turned
 from mmocap_warp.calibration.refine import refinement
 from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
 
@@ -252,3 +253,10 @@ def test_the_person_is_tracked_again_from_the_pose_of_the_first_frame_in_the_new
     for again in tracked[1:]:
         np.testing.assert_allclose(again.pose, expected)
         np.testing.assert_allclose(again.root_base, quarter @ start.root_base)
+
+
+def test_a_clip_that_is_too_short_is_refused_before_anything_is_fitted(tmp_path, monkeypatch):
+    monkeypatch.setattr("mmocap_warp.calibration.adjust.adjustment.fit_clip", pytest.fail)
+    scene = write_scene(tmp_path, RIG, 7)
+    with pytest.raises(InputError, match=r"too few frames \(7\): cameras are compared by 8 or more; give a longer"):
+        Adjustment(scene, BODY, AdjustConfig(device="cpu")).fit_body(np.zeros((len(RIG), len(KINDS))))

@@ -56,6 +56,12 @@ def test_there_and_back_as_glb_and_usd_all_stays(tmp_path: Path, creature: Path,
         np.testing.assert_allclose(np.sort(back.skin.rest, axis=0), np.sort(body.skin.rest, axis=0), atol=1e-6)
         assert cli.main(["validate", str(tmp_path / file)]) == console.OK
     np.testing.assert_allclose(read_motions(tmp_path / "back.usdc")["Nod"].pose, motions["Nod"].pose, atol=1e-5)
+    told = run(capsys, "body", "import", creature, "-o", tmp_path / "again.usdc")
+    assert "its motions Nod are of the body that it was, and left out" in told["notes"]
+    before = creature.read_bytes()
+    assert cli.main(["body", "import", str(creature), "-o", str(creature), "--force"]) == console.BAD_INPUT
+    assert "is the character, of which a body keeps less; write elsewhere" in capsys.readouterr().err
+    assert creature.read_bytes() == before
 
 
 def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -310,8 +310,9 @@ def test_scenes_are_named_from_the_folder_that_was_given(made, here, tmp_path):
     with pytest.warns(UserWarning, match="plan.toml: no scene matches 'tuesday/\\*'; the first is called 'monday/b'"):
         done = mm.batch(tmp_path / "days", tmp_path / "out", steps="track", plan=plan)
     assert [each["name"] for each in done.trials] == ["monday/b"]
-    # A scene's own folder and a list give the last folder's name.
-    for number, given in enumerate([tmp_path / "days" / "monday" / "b", [tmp_path / "days" / "monday" / "b"]]):
+    # A scene's own folder or file, and a list, give the last folder's name.
+    own = tmp_path / "days" / "monday" / "b"
+    for number, given in enumerate([own, [own], own / "scene.toml"]):
         done = mm.batch(given, tmp_path / str(number), steps="track")
         assert [each["name"] for each in done.trials] == ["b"]
 

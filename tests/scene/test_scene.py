@@ -259,6 +259,10 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "wrong size": case(
         "size = [160.0", "size = [170.0", r"cam01\.mkv is 160x120, but the calibration says 170x120", "calibration.toml"
     ),
+    "a picture of another size than its video": (
+        lambda f: cv2.imwrite(str(f / "plate.png"), np.zeros((30, 40), np.uint8)),
+        r"plate\.png is 40x30, and .*cam01\.mkv is 160x120; give images of the video's size",
+    ),
     "misplaced video": case(
         MASKS, f"{MASKS}\nvideo_from_calibrated = {{ offset = [900, 0] }}", r"puts the calibrated image at \[900"
     ),

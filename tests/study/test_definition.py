@@ -170,6 +170,16 @@ def test_a_scene_needs_a_subject_that_every_cell_starts_from(tmp_path):
         clip_facts(Clip("Walk", scene))
 
 
+def test_a_model_that_a_scenes_body_lacks_is_refused_before_it_is_tracked(tmp_path, scene):
+    grid = f"[sequences]\nwalk = {str(scene)!r}\n" + GRID.replace("S1/Walking", "walk")
+    assert clip_facts(Clip("walk", scene)).models == [39, 28, 51]
+    study = study_of(tmp_path, grid)
+    assert plan_tasks(study, tmp_path, "cpu")
+    study = study_of(tmp_path, grid.replace("dof = [39]", "dof = [40]"))
+    with pytest.raises(InputError, match=r"dof = 40 is no model of walk's body, which has 39, 28, 51; give that"):
+        plan_tasks(study, tmp_path, "cpu")
+
+
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> Path:
     return write_scene(tmp_path_factory.mktemp("scene") / "walk", frames=5)

@@ -1,5 +1,6 @@
 """Worker processes of this machine."""
 
+import signal
 import sys
 from multiprocessing.process import BaseProcess
 
@@ -17,6 +18,22 @@ def test_opencv_takes_no_more_threads_than_its_worker():
     engine.submit(0, "anything")
     assert engine.events(60.0) == [(0, Refusal("3"))]
     engine.close()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals cannot be held back there")
+def test_ctrl_c_waits_while_a_process_starts(monkeypatch):
+    """A process inherits that, and so does the one that forks: a traceback of its imports would be shown."""
+    blocked, start = [], BaseProcess.start
+
+    def watched(process):
+        blocked.append(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
+        start(process)
+
+    monkeypatch.setattr(BaseProcess, "start", watched)
+    engine = LocalEngine(Worker, ["cpu"], 1)
+    engine.close()
+    assert signal.SIGINT in blocked[0]
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forks there alone")

@@ -80,8 +80,9 @@ def _write(people: Mapping[str, _Moving], about: dict[str, Any], path: Path) -> 
         skeleton, bind, first = body.skeleton, bind_transforms(body), len(nodes)
         joints, skin = len(skeleton.joints), _skin(body.skin, buffer)
         bones = {name: {"node": skeleton.index(name)} for name in RIGS["vrm"].names.values() if name in skeleton.joints}
-        if len(bones) == len(RIGS["vrm"].names) and not person:  # those who play it ask the nodes for the rest pose
-            human, stand = bones, body.rest_transforms
+        if any({*rig.names.values()} <= {*skeleton.joints} for rig in RIGS.values()):
+            stand = body.rest_transforms  # who retargets asks the nodes for the rest pose
+        human = bones if len(bones) == len(RIGS["vrm"].names) and not person else human
         inverse_bind = np.linalg.inv(bind)
         inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
         inverse = buffer.add(inverse_bind.transpose(0, 2, 1), "MAT4")  # by columns

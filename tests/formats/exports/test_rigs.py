@@ -71,6 +71,8 @@ def test_a_rig_is_read_back_as_its_programs_read_it(rig, tmp_path):
     assert [glb.json["nodes"][number]["name"] for number in glb.json["skins"][0]["joints"]] == names
     np.testing.assert_allclose(worlds[..., :3, 3], place, rtol=0, atol=READ_BACK)
     bind = np.linalg.inv(glb.array(glb.json["skins"][0]["inverseBindMatrices"]).reshape(-1, 4, 4).swapaxes(1, 2))
+    # Who retargets asks the nodes for the rest pose.
+    np.testing.assert_allclose(glb.joint_worlds(played=False)[0], bind, rtol=0, atol=PLACE)
     from_rest = worlds[..., :3, :3] @ transposed(bind[:, :3, :3])
     assert angle(from_rest @ transposed(from_rest[0]), turned) < TURNED
     # Bones point as the rest pose says, and the turns take them to where they were tracked.

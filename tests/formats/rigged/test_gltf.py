@@ -75,6 +75,19 @@ def test_what_cannot_be_read_is_told_in_one_line(tmp_path: Path, changes: dict, 
     assert "\n" not in str(told.value)
 
 
+def test_a_skin_without_weights_or_with_too_few_joints_is_told(tmp_path: Path) -> None:
+    data = write_creature(tmp_path / "whole.glb").read_bytes()
+    document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    meshes, skins = document["meshes"], document["skins"]
+    for number in range(2):
+        del meshes[0]["primitives"][0]["attributes"][f"JOINTS_{number}"]
+    with pytest.raises(InputError, match="a mesh has a skin, but neither JOINTS_0 nor WEIGHTS_0"):
+        read_gltf(write_creature(tmp_path / "bare.glb", meshes=meshes))
+    skins[0] = {"joints": skins[0]["joints"][:3]}
+    with pytest.raises(InputError, match=r"a vertex follows joint \d of a skin that has 3"):
+        read_gltf(write_creature(tmp_path / "few.glb", skins=skins))
+
+
 def test_damage_never_ends_in_another_error(tmp_path: Path) -> None:
     whole = write_creature(tmp_path / "creature.glb").read_bytes()
     rng = np.random.default_rng(0)

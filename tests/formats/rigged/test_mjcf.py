@@ -88,6 +88,14 @@ def test_a_robot_is_the_same_in_both_formats(tmp_path: Path) -> None:
     assert not read.roams
 
 
+def test_a_ball_joint_turns_about_three_axes_as_far_as_its_file_says(tmp_path: Path) -> None:
+    limited = MANY_JOINTS.replace('name="wrist" type="ball"', 'name="wrist" type="ball" range="0 60"')
+    for text, most in ((limited, (60, 60, 60)), (MANY_JOINTS, (180, 85, 180))):
+        freedom = imported(read_mjcf(written(tmp_path, text)), "robot").freedom[4]
+        assert (freedom.free, freedom.origin) == ("xyz", "file")
+        np.testing.assert_allclose(np.degrees(freedom.limits), np.multiply.outer(most, (-1, 1)))
+
+
 def test_joints_move_as_those_of_mujoco(tmp_path: Path) -> None:
     read, rng = read_mjcf(written(tmp_path, MANY_JOINTS)), np.random.default_rng(0)
     assert read.joints == ("trunk", "swing", "lift", "joint", "wrist")

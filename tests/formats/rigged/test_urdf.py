@@ -53,6 +53,13 @@ def test_links_stand_where_their_joints_put_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(boom.max(axis=0), (0.05, 0.8, 1.15), atol=1e-6)
 
 
+def test_a_link_without_a_visual_shows_what_collides(tmp_path: Path) -> None:
+    whole = read_urdf(written(tmp_path))
+    first, box = ROBOT.index("<visual>"), ROBOT.index("</visual>")
+    mixed = ROBOT[:first] + ROBOT[first : box + 9].replace("visual", "collision") + ROBOT[box + 9 :]
+    np.testing.assert_array_equal(read_urdf(written(tmp_path, mixed)).vertex, whole.vertex)
+
+
 def test_meshes_are_found_by_their_last_parts_in_the_named_folder_alone(tmp_path: Path) -> None:
     folder = tmp_path / "robot" / "meshes"
     folder.mkdir(parents=True)

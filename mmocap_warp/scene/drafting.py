@@ -288,6 +288,9 @@ def _has_bars(image: np.ndarray, bars: np.ndarray) -> bool:
 
 def _foreground(draft: Draft, media: _Media) -> list[str]:
     cameras = set(draft.cameras)
+    for what, of_some in (("masks", media.masks), ("clean plates", media.clean_plate)):
+        if of_some and (without := [name for name in draft.cameras if name not in of_some]):
+            draft.missing.append(f"{what} of {', '.join(without)}, which other cameras have: no file has their name")
     if cameras <= media.masks.keys():
         draft.found.append("masks of every camera, which are tracked as they are")
         return ["[foreground]", 'source = "masks"   # as they are; median, close, min_area and keep would clean them']
@@ -296,7 +299,7 @@ def _foreground(draft: Draft, media: _Media) -> list[str]:
     elif cameras <= media.background.keys():
         source, how = "background_video", "it learns the background from the recordings without the person"
     elif draft.calibration is not None and cameras <= media.video.keys():
-        source, how = "program", "by MediaPipe, because no picture shows the background alone"
+        source, how = "program", "by MediaPipe, because not every camera has a picture of the background alone"
     else:
         source, how = "recording", "it learns the background from the recording, in which the person must walk about"
     draft.found.append(f"no masks of some cameras: mmocap mask makes them; {how}")

@@ -278,7 +278,8 @@ def test_a_background_is_named(videos: Path) -> None:
     write_toml_rig(videos / "calibration.toml", RIG)
     assert draft_scene(videos).text.endswith('source = "program"\n')
     assert any(
-        "by MediaPipe, because no picture shows the background alone" in line for line in draft_scene(videos).found
+        "by MediaPipe, because not every camera has a picture of the background alone" in line
+        for line in draft_scene(videos).found
     )
     lay_out(videos, videos, "empty/{}.mkv")
     assert 'source = "background_video"' in draft_scene(videos).text
@@ -291,6 +292,11 @@ def test_a_background_is_named(videos: Path) -> None:
     assert draft.missing == []
     (videos / "scene.toml").write_text(draft.text)
     assert load_scene(videos).foreground.source == "clean_plate"
+    (videos / "plates" / "cam02.png").rename(videos / "plates" / "cm02.png")
+    (videos / "scene.toml").unlink()
+    draft = draft_scene(videos)
+    assert "clean plates of cam02, which other cameras have: no file has their name" in draft.missing
+    assert 'source = "program"' in draft.text
 
 
 def test_cameras_of_other_lengths_and_rates(videos: Path) -> None:

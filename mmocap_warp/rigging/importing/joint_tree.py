@@ -3,7 +3,7 @@
 import re
 from collections.abc import Container
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from operator import eq
 
 import numpy as np
@@ -296,6 +296,11 @@ def mirrored_pairs(mesh: RiggedMesh) -> tuple[Pair, ...]:
             pairs.append((_common_name(joints[left], joints[right]), joints[left], joints[right]))
     names = [name for name, *_ in pairs]
     return tuple((n if names.count(n) == 1 else f"{left}+{right}", left, right) for n, left, right in pairs)
+
+
+def has_sides(joints: tuple[str, ...]) -> bool:
+    """Whether names tell left joints from right ones."""
+    return any(_sides(one, other) in ("lr", "rl") for one, other in combinations(joints, 2))
 
 
 def sides_crossed(pairs: tuple[Pair, ...]) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_up_rigs import ROBOT, write_creature
+from scipy.spatial.transform import Rotation
 
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.posing import Poser
@@ -59,6 +60,15 @@ def test_joints_keep_the_files_names_in_every_format(creature: RiggedMesh, tmp_p
     freedom = imported(mesh, "creature").freedom
     write_joints_file(tmp_path / "joints.toml", body, freedom, {"左 足": "hips"})
     assert read_joints_file(tmp_path / "joints.toml").joints["左 足"].parent == "hips"
+
+
+def test_a_character_that_stands_askew_is_noted(creature: RiggedMesh, made: Imported) -> None:
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("y", 30, degrees=True).as_matrix()
+    askew = imported(replace(creature, bind=turn @ creature.bind, vertex=creature.vertex @ turn[:3, :3].T), "creature")
+    assert askew.body.skeleton.pairs == ()
+    assert any("names tell left from right, but no joints mirror each other" in note for note in askew.notes)
+    assert not any("names tell" in note for note in made.notes)
 
 
 def test_limbs_are_hinges_about_the_normal_of_their_bend(made: Imported) -> None:

@@ -6,6 +6,7 @@ import difflib
 import inspect
 import math
 import os
+import re
 import tomllib
 import types
 from collections.abc import Iterable
@@ -56,6 +57,11 @@ def quoted(text: str) -> str:
     text = text.encode(errors="replace").decode()
     escaped = {"\\": "\\\\", '"': '\\"'}
     return '"' + "".join(escaped.get(c, c) if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'
+
+
+def quoted_key(text: str) -> str:
+    """A TOML key, in quotes if it needs them."""
+    return text if re.fullmatch(r"[A-Za-z0-9_-]+", text) else quoted(text)
 
 
 def visible(text: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
-from mmocap_warp.formats.toml_table import quoted, quoted_path, visible
+from mmocap_warp.formats.toml_table import quoted_key, quoted_path, visible
 from mmocap_warp.masks.frames import Frames, ImageFolder, VideoFile, as_colour, open_frames
 from mmocap_warp.scene import folder_search as search
 from mmocap_warp.scene.camera_tables import RATE_TOLERANCE
@@ -229,7 +229,7 @@ def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media:
     frames = media.frames[name]
     rate = f" at {frames.fps:g} a second" if isinstance(frames, VideoFile) and frames.fps > 0 else ""
     content = "{} frames of {}x{}".format(len(frames), *frames.size) + rate
-    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else quoted(name)}]   # {content}"]
+    lines = [f"[cameras.{quoted_key(name)}]   # {content}"]
     for key in ("video", "masks", "background", "clean_plate"):
         if name in (take := getattr(media, key)):
             lines.append(f"{key} = {quoted_path(take[name], folder)}")

@@ -262,7 +262,7 @@ def write_sequence(
     if degradation != NONE:
         about += f" Made worse: {degradation}, seed {seed}."
     footage, truth = _Streamed(worse, labelled), worse.truth or sequence.truth
-    hider = "garment" if degradation == LABELLED else "thing"
+    hider = "thing" if sequence.recording.worn is None else "garment"
     foreground = _FOREGROUND + (_LABELS.format(hider=hider) if labelled else "")
     given: dict[str, Any] = {"name": sequence.name, "subject": sequence.subject, "progress": progress}
     return write_made_scene(Path(folder), footage, truth, about=about, foreground=foreground, **given)

@@ -127,9 +127,8 @@ def make_sequence(name: str, plan: SequencePlan, person: Person | None = None) -
     worse = _WORSE.get(plan.person, 1.0)
     contrast = tuple((_COLOUR if camera.startswith("C") else _GREY).worse(worse) for camera in plan.cameras)
     masks = SegmentedMasks(body, contrast, _LIGHT, plan.seed)
-    recording = Recording(body, base, poses, FPS, study_rig().select(plan.cameras), masks)
-    if person.garment:
-        recording = replace(recording, posed_by=person.posed_by, worn=worn_vertices(body, GARMENTS[person.garment]))
+    worn = worn_vertices(body, GARMENTS[person.garment]) if person.garment else None
+    recording = Recording(body, base, poses, FPS, study_rig().select(plan.cameras), masks, person.posed_by, worn)
     start = fitted_start(person, base, poses[0], plan.seed)
     exact = recording.truth({HEAD_TOP: head_top(recording.body)})
     noise = MARKER_NOISE * np.random.default_rng([plan.seed, 2]).standard_normal(exact.markers.shape)

@@ -79,10 +79,10 @@ def _write(people: Mapping[str, _Moving], about: dict[str, Any], path: Path) -> 
         # All but where its numbers stand. Nodes are the joints in their order, then the skin.
         skeleton, bind, first = body.skeleton, bind_transforms(body), len(nodes)
         joints, skin = len(skeleton.joints), _skin(body.skin, buffer)
-        bones = {name: {"node": skeleton.index(name)} for name in RIGS["vrm"].names.values() if name in skeleton.joints}
-        if any({*rig.names.values()} <= {*skeleton.joints} for rig in RIGS.values()):
-            stand = body.rest_transforms  # who retargets asks the nodes for the rest pose
-        human = bones if len(bones) == len(RIGS["vrm"].names) and not person else human
+        rigs = [name for name, rig in RIGS.items() if {*rig.names.values()} <= {*skeleton.joints}]
+        stand = body.rest_transforms if rigs else stand  # who retargets asks the nodes for the rest pose
+        if "vrm" in rigs and not person:
+            human = {name: {"node": skeleton.index(name)} for name in RIGS["vrm"].names.values()}
         inverse_bind = np.linalg.inv(bind)
         inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
         inverse = buffer.add(inverse_bind.transpose(0, 2, 1), "MAT4")  # by columns

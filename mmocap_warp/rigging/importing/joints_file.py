@@ -1,6 +1,5 @@
 """How joints move, as a short TOML file that people edit: written from what was found, read in its place."""
 
-import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.errors import InputError, input_errors
-from mmocap_warp.formats.toml_table import Table, load_toml, quoted
+from mmocap_warp.formats.toml_table import Table, load_toml, quoted, quoted_key
 from mmocap_warp.rigging.importing.freedom import Freedom, hinge_frame
 from mmocap_warp.whole_file import write_whole
 
@@ -118,8 +117,7 @@ def write_joints_file(path: str | Path, body: BodyModel, freedom: list[Freedom],
     rigid, stands = str(body.rigid).lower(), str(body.skeleton.stands).lower()
     lines = [_ABOUT.format(name=body.name), f'root = "{root}"\nrigid = {rigid}\nstands = {stands}\n']
     for joint, how in list(zip(body.skeleton.joints, freedom, strict=True))[1:]:
-        key = joint if re.fullmatch(r"[A-Za-z0-9_-]+", joint) else quoted(joint)
-        lines.append(f'\n[joints.{key}]  # {how.origin}\nfree = "{how.free}"\n')
+        lines.append(f'\n[joints.{quoted_key(joint)}]  # {how.origin}\nfree = "{how.free}"\n')
         if joint in parents:
             lines.append(f"parent = {quoted(parents[joint])}\n")
         if how.slides:

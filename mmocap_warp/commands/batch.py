@@ -318,7 +318,7 @@ def _scene_files(scenes: str | Path | Sequence[str | Path], output: Path) -> dic
         # What lies within a scene's folder was made of it, such as its masks.
         around = {file.parent for file in given}
         given = [file for file in given if around.isdisjoint(file.parent.parents)]
-    elif source.suffix == ".toml":
+    elif source.suffix == ".toml" and source.is_file():
         given = [source]
     else:
         lines = map(str.strip, read_text(source, "name a folder, or a file with a scene in each line").splitlines())

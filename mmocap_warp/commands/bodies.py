@@ -105,7 +105,7 @@ def import_body(
     """
     target = new_file(output, *USD_SUFFIXES, force=force)
     if target.resolve() == Path(file).resolve():
-        raise InputError(file, "is the character, of which a body keeps less", "write elsewhere")
+        raise InputError(file, "is the character that is read, of which a body keeps less", "write elsewhere")
     joints_target = None if write_joints is None else new_file(write_joints, ".toml", force=force)
     picture = new_file(target.with_suffix(".outline.png"), ".png", force=force)
     # Read the file, and check what was said of it.
@@ -128,7 +128,7 @@ def import_body(
         )  # fmt: skip
     with suppress(InputError):  # another program's file
         if Path(file).suffix.lower() in USD_SUFFIXES and (lost := read_motions(file)):
-            left = f"its motions {', '.join(lost)} are of the body that it was, and left out"
+            left = f"the new body does not have the motions of the one that was read: {', '.join(lost)}"
             made = replace(made, notes=(*made.notes, left))
     if attribution is not None:
         made = replace(made, body=replace(made.body, attribution=attribution))

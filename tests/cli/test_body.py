@@ -57,10 +57,10 @@ def test_there_and_back_as_glb_and_usd_all_stays(tmp_path: Path, creature: Path,
         assert cli.main(["validate", str(tmp_path / file)]) == console.OK
     np.testing.assert_allclose(read_motions(tmp_path / "back.usdc")["Nod"].pose, motions["Nod"].pose, atol=1e-5)
     told = run(capsys, "body", "import", creature, "-o", tmp_path / "again.usdc")
-    assert "its motions Nod are of the body that it was, and left out" in told["notes"]
+    assert "the new body does not have the motions of the one that was read: Nod" in told["notes"]
     before = creature.read_bytes()
     assert cli.main(["body", "import", str(creature), "-o", str(creature), "--force"]) == console.BAD_INPUT
-    assert "is the character, of which a body keeps less; write elsewhere" in capsys.readouterr().err
+    assert "is the character that is read, of which a body keeps less; write elsewhere" in capsys.readouterr().err
     assert creature.read_bytes() == before
 
 

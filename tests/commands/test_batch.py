@@ -336,6 +336,7 @@ def test_scenes_are_named_from_the_folder_that_was_given(made, here, tmp_path):
         ({"plan": "mask.scale = 'x'"}, mm.InputError, r"\[mask\]: scale = 'x' is not a number"),
         ({"plan": "scenes = [1]"}, mm.InputError, "scenes is not a list of tables"),
         ({"scenes": "list.txt"}, mm.InputError, "names no file .embedded null"),
+        ({"scenes": "absent.toml"}, mm.InputError, "absent.toml: no such file"),
         ({"plan": "[[scenes]]\nperson = 'x'"}, mm.InputError, "'match' is missing"),
     ],
 )

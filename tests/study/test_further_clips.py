@@ -182,6 +182,9 @@ def test_make_writes_one_as_a_scene(tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(seen.words, wanted.words)
     np.testing.assert_array_equal(seen.hidden, wanted.hidden)
     assert "garment = 2" in scene.path.read_text()
+    bare = ["--sequence", "S1/Spin", "--frames", "1", "--degrade", "labelled", "--quiet"]
+    assert main(["study", "make", str(tmp_path / "bare"), *bare]) == 0
+    assert "thing = 2" in (tmp_path / "bare" / "S1" / "Spin" / "scene.toml").read_text()
 
 
 def test_a_clip_moves_the_nine_alone(tmp_path, capsys):

@@ -1,6 +1,7 @@
 """Worker processes of this machine."""
 
 import signal
+import subprocess
 import sys
 from multiprocessing.process import BaseProcess
 
@@ -34,6 +35,23 @@ def test_ctrl_c_waits_while_a_process_starts(monkeypatch):
     engine.close()
     assert signal.SIGINT in blocked[0]
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+MASK_OF_A_WORKER = """
+from mmocap_warp.jobs.local_engine import LocalEngine
+from mmocap_warp.study.job import Worker
+engine = LocalEngine(Worker, ["cpu"], 1)
+(seat,) = engine._seats.values()
+print(next(line for line in open(f"/proc/{seat.worker.pid}/status") if line.startswith("SigBlk")).split()[1])
+engine.close()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forks there alone")
+def test_ctrl_c_waits_in_the_first_process_that_is_started():
+    """In a program of its own: what multiprocessing starts before a first process lets signals through again."""
+    said = subprocess.run([sys.executable, "-c", MASK_OF_A_WORKER], capture_output=True, text=True, check=True)
+    assert int(said.stdout, 16) & 1 << signal.SIGINT - 1
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forks there alone")

@@ -264,7 +264,7 @@ def _read_primitive(document: _Document, primitive: dict[str, Any], joints: list
         joint, weight, joints = np.zeros((len(vertex), 1), np.int64), np.ones((len(vertex), 1)), [joints]
     else:
         if not (sets := [i for i in range(len(attributes)) if f"JOINTS_{i}" in attributes]):
-            raise ValueError("a mesh has a skin, but neither JOINTS_0 nor WEIGHTS_0")
+            raise ValueError("a mesh with a skin needs JOINTS_0 and WEIGHTS_0")
         joint = np.concatenate([document.array(attributes[f"JOINTS_{i}"]) for i in sets], axis=1).astype(np.int64)
         weight = np.concatenate([document.array(attributes[f"WEIGHTS_{i}"]) for i in sets], axis=1).astype(np.float64)
         weight[np.isnan(weight)] = 0.0  # exporters divide the weights of loose vertices by their sum of zero

@@ -21,7 +21,7 @@ _STAYS = ("fixed", "floating", "planar")
 def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
     """Read a robot with all joints at zero: a joint for each link that turns or slides, followed by all fixed to it.
 
-    Planar joints stay where they are. Visual geometry is taken, collision geometry of links without. Meshes,
+    Planar joints stay where they are. Visual geometry is taken, and collision geometry of links that have none. Meshes,
     ``package://`` and paths, are looked up by their last parts in the folder ``meshes``, which is the file's own where
     omitted, and no file elsewhere is opened.
     """

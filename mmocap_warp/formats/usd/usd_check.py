@@ -139,7 +139,8 @@ def _skeleton_faults(skeleton: UsdSkel.Skeleton) -> Iterator[str]:
         if strangers:
             yield f"its animation moves joints that it lacks: {sorted(strangers)}"
         sliding = set(skeleton.GetPrim().GetAttribute("mmocap:sliding").Get() or ())
-        bones = [joint for joint in joints if "/" in joint and joint.rpartition("/")[2] not in sliding]
+        called = names if names and len(names) == len(joints) else [joint.rpartition("/")[2] for joint in joints]
+        bones = [joint for joint, name in zip(joints, called, strict=True) if "/" in joint and name not in sliding]
         yield from _stretch_faults(UsdSkel.Animation(source), joints, bones, skeleton.GetRestTransformsAttr().Get())
 
 

@@ -14,7 +14,7 @@ _ROTATION_TOLERANCE = 1e-3
 
 
 def joint_paths(skeleton: Skeleton) -> list[str]:
-    """USD's names of the joints: each joint's path from the root, such as ``Root/LHip/LKnee``, as far as it may be."""
+    """USD's names of the joints: each joint's path from the root, such as ``Root/LHip/LKnee``, of names it takes."""
     paths: list[str] = []
     names = valid_names(skeleton.joints)
     for joint, parent in zip(skeleton.joints, skeleton.parent, strict=True):
@@ -48,7 +48,7 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     called, own = read.texts("jointNames", optional=True), [path.rsplit("/", 1)[-1] for path in paths]
     joints = tuple(called if len(called) == len(paths) else own)
     read.require(len({*joints}) == len({*paths}) == len(paths), "two joints share a name")
-    read.require("".join(joints).isprintable(), "a joint's name cannot be printed")
+    read.require("".join(joints).replace("+", "\n").isprintable(), "a joint's name has a '+', or cannot be printed")
     # Each joint hangs on the one whose path is its own without the last part.
     numbers = {path: j for j, path in enumerate(paths)}
     above = [path.rpartition("/")[0] for path in paths]

@@ -75,10 +75,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
         if joint == 0:
             free = "" if mesh.rigid and not mesh.roams and _is_one_chain(mesh) else "xyz"
             freedoms.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
-        elif joint in mesh.axes and mesh.axes[joint].ball:
-            reach = np.minimum(mesh.axes[joint].upper, _FARTHEST)
-            freedoms.append(replace(_ball(place[joint], ends[joint], *reach[:2]), origin="file"))
-        elif joint in mesh.axes:
+        elif joint in mesh.axes and not mesh.axes[joint].ball:
             how, limits = mesh.axes[joint], np.zeros((3, 2))
             limits[0] = how.lower, how.upper
             free = "x" if not how.slides or least_travel <= how.upper - how.lower < np.inf else ""
@@ -86,6 +83,9 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             freedoms.append(Freedom(frame, free, limits, "file", how.slides))
         elif below[joint] == 0 or joint in handles:
             freedoms.append(Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
+        elif joint in mesh.axes:
+            reach = np.minimum(mesh.axes[joint].upper, _FARTHEST)
+            freedoms.append(replace(_ball(place[joint], ends[joint], *reach[:2]), origin="file"))
         elif len(turns):  # it turns as far as its motions show; a hinge stays one
             own = freedom.frame.T @ turns[:, joint] @ freedom.frame
             angles = continuous_zyx_angles(own, np.tile([-np.pi, np.pi], (3, 1)))
@@ -156,7 +156,7 @@ def without_fine_joints(mesh: RiggedMesh, freedom: list[Freedom]) -> tuple[list[
 
     free = [joint for joint, how in enumerate(found) if joint and how.free and how.origin == "derived"]
     hold([j for j in free if _FINE_NAMES.search(mesh.joints[j]) and is_fine(j)], "too fine for masks of the body")
-    small = []
+    small, free = [], [joint for joint, how in enumerate(found) if joint in free or (joint and how.free == "xyz")]
     for joint in sorted(free, key=lambda joint: (below[joint], joint)):
         if 6 + sum(len(how.free) for j, how in enumerate(found) if j and j not in small) <= MOST_SEARCHED:
             break

@@ -97,7 +97,7 @@ def imported(
     if held := [name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides and not how.free]:
         notes.append(f"{', '.join(held)} slide by too little to be seen, or without limits: held at zero")
     notes += skin_notes
-    if not pairs and joint_tree.has_sides(mesh.joints):
+    if not pairs and not mesh.rigid and joint_tree.has_sides(mesh.joints):
         notes.append("names tell left from right, but no joints mirror each other: it may stand askew, or be posed")
     if joint_tree.sides_crossed(pairs):
         notes.append("names say left of what lies to the right: the body may face the other way (--facing)")

@@ -31,13 +31,14 @@ def skin_of(mesh: RiggedMesh) -> np.ndarray:
 
 
 def with_named_joints(mesh: RiggedMesh) -> RiggedMesh:
-    """The mesh with names of joints that can be printed and are all different."""
-    names: list[str] = []
-    for joint in mesh.joints:
-        name = "".join(letter if letter.isprintable() else "_" for letter in joint) or "joint"
+    """The mesh with names of joints that can be printed and differ, whatever a format makes of blanks and marks."""
+    names: dict[str, str] = {}  # by what the strictest formats leave of them
+    for joint in mesh.joints:  # a + joins the names of a pair
+        name = "".join(letter if letter.isprintable() and letter != "+" else "_" for letter in joint).strip() or "joint"
         free = (name if i == 1 else f"{name}_{i}" for i in range(1, len(mesh.joints) + 1))
-        names.append(next(each for each in free if each not in names))
-    return replace(mesh, joints=tuple(names))
+        name = next(each for each in free if re.sub(r"\W", "_", each) not in names)
+        names[re.sub(r"\W", "_", name)] = name
+    return replace(mesh, joints=tuple(names.values()))
 
 
 def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
@@ -320,11 +321,9 @@ def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
 def _sides(one: str, other: str) -> str:
     """``lr`` or ``rl`` where two names differ in the side alone, ``same`` where they do not differ, else nothing."""
     *_, mine, others = _differing_parts(one, other)
-    mine, others = mine.lower(), others.lower()
-    left_right = {("l", "r"), ("lef", "righ"), ("左", "右")}
-    if (mine, others) in left_right:
-        return "lr"
-    return "rl" if (others, mine) in left_right else "" if mine + others else "same"
+    left_right = {("l", "r"): "lr", ("lef", "righ"): "lr", ("左", "右"): "lr"}
+    sides = left_right | {pair[::-1]: "rl" for pair in left_right} | {("", ""): "same"}
+    return sides.get((mine.lower(), others.lower()), "")
 
 
 def _common_name(one: str, other: str) -> str:

@@ -96,6 +96,17 @@ def test_a_ball_joint_turns_about_three_axes_as_far_as_its_file_says(tmp_path: P
         np.testing.assert_allclose(np.degrees(freedom.limits), np.multiply.outer(most, (-1, 1)))
 
 
+def test_more_ball_joints_than_can_be_searched_are_held_as_others_are(tmp_path: Path) -> None:
+    ends = "</body>" * 34
+    chain = "".join(
+        f'<body pos="0.1 0 0"><joint type="ball" name="j{j}"/><geom type="sphere" size="0.05"/>' for j in range(34)
+    )
+    text = f'<mujoco><worldbody><body name="b"><freejoint/><geom type="sphere" size="0.1"/>{chain}{ends}'
+    made = imported(read_mjcf(written(tmp_path, text + "</body></worldbody></mujoco>")), "robot")
+    assert len(made.body.skeleton.searched()) <= 100
+    assert any("as at most 100 coordinates are searched" in note for note in made.notes)
+
+
 def test_joints_move_as_those_of_mujoco(tmp_path: Path) -> None:
     read, rng = read_mjcf(written(tmp_path, MANY_JOINTS)), np.random.default_rng(0)
     assert read.joints == ("trunk", "swing", "lift", "joint", "wrist")

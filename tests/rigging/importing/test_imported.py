@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,7 +50,7 @@ def test_joints_keep_the_files_names_in_every_format(creature: RiggedMesh, tmp_p
     body = imported(mesh, "creature").body
     names = body.skeleton.joints
     assert {"左 足", "右 足", "a/b:c", "line_end", "foot.L", "foot.L_2"} < set(names)
-    assert ("足", "左 足", "右 足") in [(name.strip(), *pair) for name, *pair in body.skeleton.pairs]
+    assert ("足", "左 足", "右 足") in body.skeleton.pairs
     write_body(tmp_path / "body.usdc", body)
     assert read_body(tmp_path / "body.usdc").skeleton.joints == names
     assert not faults(tmp_path / "body.usdc")
@@ -60,6 +61,15 @@ def test_joints_keep_the_files_names_in_every_format(creature: RiggedMesh, tmp_p
     freedom = imported(mesh, "creature").freedom
     write_joints_file(tmp_path / "joints.toml", body, freedom, {"左 足": "hips"})
     assert read_joints_file(tmp_path / "joints.toml").joints["左 足"].parent == "hips"
+
+
+def test_names_differ_whatever_a_format_makes_of_them_and_join_no_pair(creature: RiggedMesh) -> None:
+    new = {"head end": "foot L", "head": "leg+shin", "hips": " ", "shin.R": "=1"}
+    names = imported(
+        replace(creature, joints=tuple(new.get(name, name) for name in creature.joints)), "x"
+    ).body.skeleton
+    assert {"foot.L", "foot L_2", "leg_shin", "joint", "=1"} < {*names.joints}
+    assert len({re.sub(r"\W", "_", name) for name in names.joints}) == len(names.joints)
 
 
 def test_a_character_that_stands_askew_is_noted(creature: RiggedMesh, made: Imported) -> None:

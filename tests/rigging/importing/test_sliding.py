@@ -11,11 +11,13 @@ from least_jerk import through_poses
 from made_up_rigs import ROBOT
 
 from mmocap_warp import cli
+from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.urdf import read_urdf
-from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
+from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body, write_subject
+from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.rigging.importing.imported import Imported, imported
 from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_joints_file
 from mmocap_warp.rigging.start_poses import learnt, read_pose
@@ -204,6 +206,14 @@ def test_a_motion_that_slides_goes_through_glb_and_usd_and_back(tmp_path: Path) 
     searched = skeleton.searched()
     np.testing.assert_array_equal(searched, made.body.skeleton.searched())
     np.testing.assert_allclose(again[:, searched], motion.pose[: len(again), searched], atol=1e-5)
+
+
+def test_a_joint_that_slides_may_have_any_name(tmp_path: Path) -> None:
+    body = robot(tmp_path, ROBOT.replace('"hoist"', '"the hoist.z"')).body
+    pose = np.zeros(body.skeleton.coordinates)
+    pose[body.skeleton.angles("the hoist.z").start] = 0.4
+    write_subject(tmp_path / "slid.usdc", Subject(body, np.eye(3), pose, {}))
+    assert faults(tmp_path / "slid.usdc") == []
 
 
 def test_travel_is_learnt_within_the_hardwares(tmp_path: Path) -> None:
